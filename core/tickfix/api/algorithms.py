@@ -1,0 +1,242 @@
+"""The interfaces of the four kinds of algorithms, and small bases for their usual shapes.
+
+Every algorithm is a class built as ``Algorithm(params, context, trained)``:
+
+- ``params`` is an instance of its frozen dataclass ``Params``, checked already; fields are declared as
+  ``k: Annotated[int, parameter("neighbours averaged", ge=1)] = 5``;
+- ``context`` is the site, see :class:`~tickfix.api.values.Context`;
+- ``trained`` holds the arrays its optional ``train`` returned when the site was surveyed, or None.
+
+What folds, folds alike: ``start`` gives a first state, ``step`` a new state from the old one. States are frozen
+dataclasses of arrays, scalars, strings, tuples and such dataclasses again; they are values: never change one, return
+another. The class names its state type as ``State``, so that states can be packed and unpacked
+(:mod:`tickfix.api.packing`). A stage reads no clock and draws no random number but from the ``rng`` it is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from tickfix.api.events import Fix, MotionSamples
+from tickfix.api.values import Belief, Context, Motion, Observation, Prior, Readings, Report, Survey, Window
+
+Trained: TypeAlias = Mapping[str, NDArray[Any]]
+Rng: TypeAlias = np.random.Generator
+
+P = TypeVar("P")
+S = TypeVar("S")
+
+KINDS: tuple[str, ...] = ("pdr", "fingerprint", "filter", "map", "reader", "sink")
+
+
+def parameter(
+    doc: str,
+    *,
+    unit: str = "",
+    source: str = "",
+    trains: bool = False,
+    ge: float | None = None,
+    gt: float | None = None,
+    le: float | None = None,
+    lt: float | None = None,
+) -> msgspec.Meta:
+    """Describe a field of ``Params`` inside ``Annotated``.
+
+    Args:
+        doc: what it is, in a few words.
+        unit: ``"m"``, ``"rad"``, ``"s"`` …, empty for a pure number.
+        source: the equation or section it comes from, as ``"[jiang2015] eq. (18)"``.
+        trains: whether what ``train`` learns depends on it; such a model serves only the values it was trained with.
+        ge, gt, le, lt: the allowed range.
+    """
+    bounds: dict[str, Any] = {
+        name: bound for name, bound in (("ge", ge), ("gt", gt), ("le", le), ("lt", lt)) if bound is not None
+    }
+    return msgspec.Meta(description=doc, extra={"unit": unit, "source": source, "trains": trains}, **bounds)
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A named set of parameters, usually a paper's: ``filter = { use = "fusion-pf", preset = "jiang2015" }``."""
+
+    source: str
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class NoParams:
+    """The parameters of an algorithm that has none."""
+
+
+class Algorithm(Protocol):
+    """What tickfix asks of a class of any of the four kinds; the bases below bring defaults for all but ``name``."""
+
+    kind: ClassVar[str]
+    name: ClassVar[str]
+    source: ClassVar[str]
+    Params: ClassVar[type[Any]]
+    presets: ClassVar[Mapping[str, Preset]]
+
+    def __init__(self, params: Any, context: Context, trained: Trained | None) -> None: ...
+
+
+class Pdr(Protocol):
+    """Dead reckoning: folds the samples of a tick into motion."""
+
+    def start(self) -> Any:
+        """Return the state before any sample."""
+        ...
+
+    def step(self, state: Any, samples: MotionSamples) -> tuple[Any, Motion]:
+        """Fold the samples of (``samples.t0_ns``, ``samples.t1_ns``]; sensors may be absent, in any tick."""
+        ...
+
+
+class Fingerprint(Protocol):
+    """Positioning by signal strengths: turns a window of readings into an observation, once per scan."""
+
+    @property
+    def window(self) -> Window:
+        """Which readings it wants to see."""
+        ...
+
+    def start(self) -> Any:
+        """Return the state before any scan."""
+        ...
+
+    def step(self, state: Any, window: Readings) -> tuple[Any, Observation]:
+        """Fold the newest scan; ``window`` ends with it and may be without readings."""
+        ...
+
+
+class Filter(Protocol):
+    """Folds motion and observations into a belief."""
+
+    def start(self, prior: Prior, rng: Rng) -> Any | None:
+        """Return the state at a known start, at a first observation, or with nothing known.
+
+        It is called at the beginning of a track, and, as long as it returns None, again at every tick that brings an
+        observation. Until then the estimate says ``initialising``.
+        """
+        ...
+
+    def step(self, state: Any, motion: Motion, observations: Sequence[Observation], rng: Rng) -> tuple[Any, Report]:
+        """Fold one tick: its motion, then the observations that belong to it, in their order; often there are none."""
+        ...
+
+    def estimate(self, state: Any) -> Belief:
+        """Say what the state means. Must not draw random numbers."""
+        ...
+
+
+class _Base(Generic[P]):
+    """What all bases share: the three things an algorithm is built of."""
+
+    kind: ClassVar[str]
+    name: ClassVar[str]
+    source: ClassVar[str] = ""
+    Params: ClassVar[type[Any]] = NoParams
+    presets: ClassVar[Mapping[str, Preset]] = {}
+
+    def __init__(self, params: P, context: Context, trained: Trained | None = None) -> None:
+        """Keep the three; an algorithm that prepares something extends this."""
+        self.params: P = params
+        self.context = context
+        self.trained = trained
+
+
+class BasePdr(_Base[P]):
+    """Base of dead-reckoning algorithms."""
+
+    kind = "pdr"
+
+
+class BaseFingerprint(_Base[P]):
+    """Base of fingerprints with a state of their own."""
+
+    kind = "fingerprint"
+
+    @property
+    def window(self) -> Window:
+        """The default window: everything heard in the last five seconds."""
+        return Window()
+
+
+@dataclass(frozen=True, slots=True)
+class Stateless:
+    """The state of an algorithm that keeps none."""
+
+
+class StatelessFingerprint(BaseFingerprint[P]):
+    """Base of fingerprints that need nothing but the window: write ``locate(window) -> Fix | None``."""
+
+    State: ClassVar[type[Any]] = Stateless
+
+    def start(self) -> Stateless:
+        """Return the empty state."""
+        return Stateless()
+
+    def step(self, state: Stateless, window: Readings) -> tuple[Stateless, Observation]:
+        """Locate the window."""
+        return state, Observation(t_ns=window.t_ns, source=self.name, fix=self.locate(window))
+
+    def locate(self, window: Readings) -> Fix | None:
+        """Return the position of the window, None where its readings do not tell one."""
+        raise NotImplementedError
+
+
+class BaseFilter(_Base[P]):
+    """Base of filters."""
+
+    kind = "filter"
+
+
+class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
+    """Base of filters in two halves: write ``begin``, ``predict``, ``update`` and ``estimate``."""
+
+    def start(self, prior: Prior, rng: Rng) -> S | None:
+        """Begin at the prior's fix, wait where there is none."""
+        return None if prior.fix is None else self.begin(prior.fix, rng)
+
+    def step(self, state: S, motion: Motion, observations: Sequence[Observation], rng: Rng) -> tuple[S, Report]:
+        """Predict once, then update with each observation that has a fix."""
+        state = self.predict(state, motion, rng)
+        total = Report()
+        for observation in observations:
+            if observation.fix is not None:
+                state, report = self.update(state, observation.fix, rng)
+                total = replace(
+                    report,
+                    used=total.used + report.used,
+                    gated=total.gated + report.gated,
+                    reasons=total.reasons + report.reasons,
+                )
+        return state, total
+
+    def begin(self, fix: Fix, rng: Rng) -> S:
+        """Return the state at ``fix``."""
+        raise NotImplementedError
+
+    def predict(self, state: S, motion: Motion, rng: Rng) -> S:
+        """Move the state through one tick."""
+        raise NotImplementedError
+
+    def update(self, state: S, fix: Fix, rng: Rng) -> tuple[S, Report]:
+        """Correct the state by a fix."""
+        raise NotImplementedError
+
+
+class BaseMap(_Base[P]):
+    """Base of floor maps; ``context.floor`` is the floor to map. See :class:`~tickfix.api.values.FloorMap`."""
+
+    kind = "map"
+
+
+Train: TypeAlias = Callable[[Any, Survey, Rng], Trained]
+"""The optional static method ``train(params, survey, rng)``: learn from the survey, return named arrays."""

@@ -1,0 +1,62 @@
+"""Array types of the interface, and the one way an array crosses it: contiguous, typed, read-only."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tickfix.api.errors import EventError
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+Bools: TypeAlias = NDArray[np.bool_]
+
+
+def frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
+    """Return ``values`` as a C-contiguous, read-only array of ``dtype``.
+
+    A writable array is copied, so that nobody outside can change what a value holds; one that is read-only already is
+    shared.
+    """
+    array = np.asarray(values, dtype=dtype, order="C")
+    if array.flags.writeable:
+        if array is values or array.base is not None:
+            array = array.copy()
+        array.flags.writeable = False
+    return array
+
+
+def frozen_floats(name: str, values: ArrayLike, *shape: int | None) -> Floats:
+    """Freeze ``values`` as float64 of the given ``shape`` (``None`` stands for any length).
+
+    Raises:
+        EventError: naming the field ``name`` when it is not numeric or has another shape.
+    """
+    return _frozen(name, values, np.float64, shape)
+
+
+def frozen_ints(name: str, values: ArrayLike, *shape: int | None) -> Ints:
+    """Freeze ``values`` as int64 of the given ``shape``; floats are refused, since nanoseconds do not fit into them.
+
+    Raises:
+        EventError: naming the field ``name`` when it holds anything but integers or has another shape.
+    """
+    array = np.asarray(values)
+    if array.size and array.dtype.kind not in "iu":
+        raise EventError(f"{name}: found {array.dtype}, expected integers")
+    return _frozen(name, array, np.int64, shape)
+
+
+def _frozen(name: str, values: ArrayLike, dtype: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
+    try:
+        array = frozen(values, dtype)
+    except (TypeError, ValueError) as error:
+        raise EventError(f"{name}: found {values!r:.80}, expected an array of numbers") from error
+    if array.size == 0 and len(shape) != array.ndim:
+        array = frozen(np.empty([0 if n is None else n for n in shape], dtype))
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        wanted = " × ".join("n" if n is None else str(n) for n in shape)
+        raise EventError(f"{name}: found shape {array.shape}, expected {wanted}")
+    return array

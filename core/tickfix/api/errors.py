@@ -1,0 +1,45 @@
+"""Errors that say what was found, where, and what to do about it."""
+
+from __future__ import annotations
+
+
+class TickfixError(Exception):
+    """Root of every error that tickfix raises on purpose; its text is meant for the user as it stands."""
+
+
+class EventError(TickfixError, ValueError):
+    """An event that cannot be: names the field, the value found and what is expected."""
+
+
+class ConfigError(TickfixError):
+    """A setting that cannot be used.
+
+    Args:
+        where: file and key, such as ``ab.toml: pipelines.b.fingerprint.k``.
+        found: the value as it was found.
+        expected: what would be allowed.
+    """
+
+    def __init__(self, where: str, found: str, expected: str) -> None:
+        super().__init__(f"{where}: found {found}; expected {expected}")
+        self.where = where
+        self.found = found
+        self.expected = expected
+
+
+class PluginError(TickfixError):
+    """A plugin or algorithm that breaks its contract: names it, says what was found and how to mend it."""
+
+    def __init__(self, plugin: str, problem: str, fix: str) -> None:
+        super().__init__(f"{plugin}: {problem}. {fix}")
+        self.plugin = plugin
+        self.problem = problem
+        self.fix = fix
+
+
+class SiteError(TickfixError):
+    """A site folder that cannot be read or built: names the file and the remedy."""
+
+
+class ReaderError(TickfixError):
+    """A recording that cannot be read at all (single broken lines are counted, not raised)."""

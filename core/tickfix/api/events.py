@@ -1,0 +1,253 @@
+"""What is measured: immutable events with their units in the names.
+
+Every event carries two times in integer nanoseconds: ``t_ns``, when it was measured on the device's own clock, and
+``arrival_ns``, when it reached tickfix (in a recording: when it was logged). Events are ordered by the first and enter
+in the order of the second. ``seq`` counts a device's messages within a ``session`` and serves to recognise duplicates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tickfix.api.arrays import Floats, Ints, frozen_floats, frozen_ints
+from tickfix.api.errors import EventError
+
+TICK_NS: Final = 200_000_000
+"""The grid of device time: tick *k* is the instant ``k * TICK_NS`` and closes the interval before it."""
+
+UNSET_NS: Final = -(2**63)
+"""A time not told; the event fills in what its own content implies."""
+
+SENSORS: Final[Mapping[str, tuple[int, str]]] = MappingProxyType(
+    {
+        "accelerometer": (3, "m/s², device frame, gravity included"),
+        "gyroscope": (3, "rad/s, device frame"),
+        "magnetometer": (3, "µT, device frame"),
+        "rotation_vector": (4, "unit quaternion x, y, z, w from device to east-north-up"),
+        "pressure": (1, "hPa"),
+    }
+)
+"""Known sensors: the number of columns of a sample and what they hold."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """One sensor's samples.
+
+    Attributes:
+        t_ns: (n,) int64, device clock.
+        values: (n, c) float64, columns and unit as :data:`SENSORS` says.
+    """
+
+    t_ns: Ints
+    values: Floats
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check that they have one length."""
+        object.__setattr__(self, "t_ns", frozen_ints("t_ns", self.t_ns, None))
+        object.__setattr__(self, "values", frozen_floats("values", self.values, len(self.t_ns), None))
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.t_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class MotionSamples:
+    """Samples of one or more motion sensors, each with its own times.
+
+    A dead-reckoning algorithm gets the same type: there it holds what was measured in (``t0_ns``, ``t1_ns``], each
+    sensor's times strictly increasing and every value finite.
+
+    Attributes:
+        sensors: samples by sensor name, see :data:`SENSORS`; a sensor that was silent is absent.
+        t0_ns, t1_ns: the interval covered; by default from the oldest to the newest sample.
+    """
+
+    sensors: Mapping[str, Samples]
+    t0_ns: int = UNSET_NS
+    t1_ns: int = UNSET_NS
+    device: str = ""
+    arrival_ns: int = UNSET_NS
+    session: str = ""
+    seq: int = 0
+
+    def __post_init__(self) -> None:
+        """Check sensor names and columns, and fill in what the samples imply.
+
+        Raises:
+            EventError: for an unknown sensor or a wrong number of columns.
+        """
+        for name, samples in self.sensors.items():
+            if name not in SENSORS:
+                raise EventError(f"sensors: found {name!r}, expected one of {', '.join(SENSORS)}")
+            columns = SENSORS[name][0]
+            if samples.values.shape[1] != columns:
+                raise EventError(
+                    f"{name}: found {samples.values.shape[1]} columns, expected {columns} ({SENSORS[name][1]})"
+                )
+        object.__setattr__(self, "sensors", MappingProxyType(dict(self.sensors)))
+        heard = [samples.t_ns for samples in self.sensors.values() if len(samples)]
+        if self.t0_ns == UNSET_NS:
+            object.__setattr__(self, "t0_ns", min((int(t.min()) for t in heard), default=0))
+        if self.t1_ns == UNSET_NS:
+            object.__setattr__(self, "t1_ns", max((int(t.max()) for t in heard), default=self.t0_ns))
+        if self.arrival_ns == UNSET_NS:
+            object.__setattr__(self, "arrival_ns", self.t1_ns)
+
+    @property
+    def t_ns(self) -> int:
+        """The newest sample's time."""
+        return self.t1_ns
+
+    def __len__(self) -> int:
+        """Return the number of samples of all sensors together."""
+        return sum(len(samples) for samples in self.sensors.values())
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Scan:
+    """What one Wi-Fi or Bluetooth scan heard, each reading at its own time.
+
+    Attributes:
+        transmitters: n transmitter ids (a BSSID, or a beacon's id).
+        rssi_dbm: (n,) float64, received signal strength in dBm.
+        heard_ns: (n,) int64, when each was heard; phones report readings that are many seconds old.
+        t_ns: the newest reading's time; must be given for a scan without readings.
+        source: ``"wifi"`` or ``"ble"``.
+    """
+
+    transmitters: tuple[str, ...]
+    rssi_dbm: Floats
+    heard_ns: Ints
+    t_ns: int = UNSET_NS
+    source: str = "wifi"
+    device: str = ""
+    arrival_ns: int = UNSET_NS
+    session: str = ""
+    seq: int = 0
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and date the scan by its newest reading.
+
+        Raises:
+            EventError: when lengths differ, or a scan without readings has no time.
+        """
+        n = len(self.transmitters)
+        object.__setattr__(self, "transmitters", tuple(self.transmitters))
+        object.__setattr__(self, "rssi_dbm", frozen_floats("rssi_dbm", self.rssi_dbm, n))
+        object.__setattr__(self, "heard_ns", frozen_ints("heard_ns", self.heard_ns, n))
+        if self.t_ns == UNSET_NS:
+            if n == 0:
+                raise EventError("t_ns: a scan without readings needs its time")
+            object.__setattr__(self, "t_ns", int(self.heard_ns.max()))
+        if self.arrival_ns == UNSET_NS:
+            object.__setattr__(self, "arrival_ns", self.t_ns)
+
+    def __len__(self) -> int:
+        """Return the number of readings."""
+        return len(self.transmitters)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Pressure:
+    """One air pressure; a dead-reckoning algorithm sees it as the sensor ``pressure`` among its samples.
+
+    Attributes:
+        pressure_hpa: hectopascal.
+    """
+
+    t_ns: int
+    pressure_hpa: float
+    device: str = ""
+    arrival_ns: int = UNSET_NS
+    session: str = ""
+    seq: int = 0
+
+    def __post_init__(self) -> None:
+        """Take the time of measurement as arrival where none is told."""
+        if self.arrival_ns == UNSET_NS:
+            object.__setattr__(self, "arrival_ns", self.t_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Fix:
+    """A position computed from a scan, by a fingerprint here or by another process.
+
+    Attributes:
+        t_ns: the instant the position describes. A fingerprint that uses old readings says so here: its fix may lie
+            seconds before the scan that brought it.
+        floor: name of the floor, metres are in its frame.
+        xy: (2,) float64, metres, x east and y north.
+        covariance: (2, 2) float64, m².
+        source: what computed it.
+    """
+
+    t_ns: int
+    floor: str
+    xy: Floats
+    covariance: Floats = field(default_factory=lambda: frozen_floats("covariance", 25.0 * np.eye(2), 2, 2))
+    source: str = "fix"
+    device: str = ""
+    arrival_ns: int = UNSET_NS
+    session: str = ""
+    seq: int = 0
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "xy", frozen_floats("xy", self.xy, 2))
+        object.__setattr__(self, "covariance", frozen_floats("covariance", self.covariance, 2, 2))
+        if self.arrival_ns == UNSET_NS:
+            object.__setattr__(self, "arrival_ns", self.t_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Truth:
+    """Where the device really was: for evaluation only, no tracker ever sees one.
+
+    Attributes:
+        xy: (2,) float64, metres, floor frame.
+    """
+
+    t_ns: int
+    floor: str
+    xy: Floats
+    device: str = ""
+    arrival_ns: int = UNSET_NS
+    session: str = ""
+    seq: int = 0
+
+    def __post_init__(self) -> None:
+        """Freeze the array."""
+        object.__setattr__(self, "xy", frozen_floats("xy", self.xy, 2))
+        if self.arrival_ns == UNSET_NS:
+            object.__setattr__(self, "arrival_ns", self.t_ns)
+
+
+Event: TypeAlias = MotionSamples | Scan | Pressure | Fix | Truth
+
+
+def motion_samples(
+    t_ns: ArrayLike,
+    *,
+    device: str = "",
+    arrival_ns: int = UNSET_NS,
+    session: str = "",
+    seq: int = 0,
+    **sensors: ArrayLike,
+) -> MotionSamples:
+    """Build :class:`MotionSamples` of sensors that share their times ``t_ns``, one keyword a sensor."""
+    times = np.asarray(t_ns, dtype=np.int64)
+    return MotionSamples(
+        sensors={name: Samples(times, np.asarray(values, dtype=np.float64)) for name, values in sensors.items()},
+        device=device,
+        arrival_ns=arrival_ns,
+        session=session,
+        seq=seq,
+    )

@@ -1,0 +1,1 @@
+"""First-party algorithms of tickfix; they arrive through the same entry points as anyone's."""
