@@ -15,6 +15,7 @@ another. The class names its state type as ``State``, so that states can be pack
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
@@ -23,6 +24,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from tickfix.api.arrays import Bools, Floats
 from tickfix.api.events import Fix, MotionSamples
 from tickfix.api.values import Belief, Context, Motion, Observation, Prior, Readings, Report, Survey, Window
 
@@ -135,7 +137,7 @@ class Filter(Protocol):
         ...
 
 
-class _Base(Generic[P]):
+class _Base(ABC, Generic[P]):
     """What all bases share: the three things an algorithm is built of."""
 
     kind: ClassVar[str]
@@ -155,17 +157,35 @@ class BasePdr(_Base[P]):
     """Base of dead-reckoning algorithms."""
 
     kind = "pdr"
+    State: ClassVar[type[Any]]
+
+    @abstractmethod
+    def start(self) -> Any:
+        """Return the state before any sample."""
+
+    @abstractmethod
+    def step(self, state: Any, samples: MotionSamples) -> tuple[Any, Motion]:
+        """Fold the samples of a tick."""
 
 
 class BaseFingerprint(_Base[P]):
     """Base of fingerprints with a state of their own."""
 
     kind = "fingerprint"
+    State: ClassVar[type[Any]]
 
     @property
     def window(self) -> Window:
         """The default window: everything heard in the last five seconds."""
         return Window()
+
+    @abstractmethod
+    def start(self) -> Any:
+        """Return the state before any scan."""
+
+    @abstractmethod
+    def step(self, state: Any, window: Readings) -> tuple[Any, Observation]:
+        """Fold the newest scan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +196,7 @@ class Stateless:
 class StatelessFingerprint(BaseFingerprint[P]):
     """Base of fingerprints that need nothing but the window: write ``locate(window) -> Fix | None``."""
 
-    State: ClassVar[type[Any]] = Stateless
+    State = Stateless
 
     def start(self) -> Stateless:
         """Return the empty state."""
@@ -186,15 +206,28 @@ class StatelessFingerprint(BaseFingerprint[P]):
         """Locate the window."""
         return state, Observation(t_ns=window.t_ns, source=self.name, fix=self.locate(window))
 
+    @abstractmethod
     def locate(self, window: Readings) -> Fix | None:
         """Return the position of the window, None where its readings do not tell one."""
-        raise NotImplementedError
 
 
 class BaseFilter(_Base[P]):
     """Base of filters."""
 
     kind = "filter"
+    State: ClassVar[type[Any]]
+
+    @abstractmethod
+    def start(self, prior: Prior, rng: Rng) -> Any | None:
+        """Return the state at the prior, or None to wait for one that says more."""
+
+    @abstractmethod
+    def step(self, state: Any, motion: Motion, observations: Sequence[Observation], rng: Rng) -> tuple[Any, Report]:
+        """Fold one tick."""
+
+    @abstractmethod
+    def estimate(self, state: Any) -> Belief:
+        """Say what the state means."""
 
 
 class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
@@ -219,23 +252,39 @@ class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
                 )
         return state, total
 
+    @abstractmethod
     def begin(self, fix: Fix, rng: Rng) -> S:
         """Return the state at ``fix``."""
-        raise NotImplementedError
 
+    @abstractmethod
     def predict(self, state: S, motion: Motion, rng: Rng) -> S:
         """Move the state through one tick."""
-        raise NotImplementedError
 
+    @abstractmethod
     def update(self, state: S, fix: Fix, rng: Rng) -> tuple[S, Report]:
         """Correct the state by a fix."""
-        raise NotImplementedError
 
 
 class BaseMap(_Base[P]):
     """Base of floor maps; ``context.floor`` is the floor to map. See :class:`~tickfix.api.values.FloorMap`."""
 
     kind = "map"
+
+    @abstractmethod
+    def contains(self, xy: Floats) -> Bools:
+        """Tell for each point whether one can stand there."""
+
+    @abstractmethod
+    def crosses(self, a: Floats, b: Floats) -> Bools:
+        """Tell for each move whether it passes through or touches a wall."""
+
+    @abstractmethod
+    def nearest_free(self, xy: Floats) -> Floats:
+        """Return for each point the nearest place where one can stand."""
+
+    @abstractmethod
+    def snap(self, previous: Floats | None, xy: Floats) -> Floats:
+        """Return a place that the map allows."""
 
 
 Train: TypeAlias = Callable[[Any, Survey, Rng], Trained]

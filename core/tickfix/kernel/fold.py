@@ -1,0 +1,93 @@
+"""Folding one stage over ticks, with checkpoints to rewind to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from tickfix.api.packing import nbytes
+
+S = TypeVar("S")
+O = TypeVar("O")  # noqa: E741 - output
+
+
+class Fold(Generic[S, O]):
+    """States and outputs of a stage, tick by tick.
+
+    States are immutable, so a checkpoint is a reference. Where they are large, only every n-th is kept: a rewind then
+    starts further back and computes the same states again.
+
+    Args:
+        start: returns the state before the first tick.
+        step: ``(state, tick) → (state, output)``, a pure function of its arguments and of what was measured.
+        horizon: ticks that can still change.
+        budget_bytes: memory for checkpoints.
+    """
+
+    def __init__(
+        self,
+        start: Callable[[], S],
+        step: Callable[[S, int], tuple[S, O]],
+        *,
+        horizon: int,
+        budget_bytes: int,
+    ) -> None:
+        """Begin before the first tick; :meth:`begin` says which that is."""
+        self._start = start
+        self._step = step
+        self._horizon = horizon
+        self._budget_bytes = budget_bytes
+        self._stride = 1
+        self._checkpoints: dict[int, S] = {}
+        self.outputs: dict[int, O] = {}
+        self.upto: int | None = None
+
+    def begin(self, tick: int) -> None:
+        """Start anew, ``tick`` being the first to fold."""
+        self.outputs.clear()
+        self._checkpoints = {tick - 1: self._start()}
+        self.upto = tick - 1
+
+    def rewind(self, tick: int) -> None:
+        """Forget ``tick`` and all after it, back to the checkpoint before it."""
+        if self.upto is None or tick > self.upto:
+            return
+        self._checkpoints = {k: state for k, state in self._checkpoints.items() if k < tick}
+        self.upto = max(self._checkpoints)
+        for k in [k for k in self.outputs if k > self.upto]:
+            del self.outputs[k]
+
+    def advance(self, tick: int) -> None:
+        """Fold up to and including ``tick``."""
+        assert self.upto is not None  # noqa: S101 - begin comes first
+        if tick <= self.upto:
+            return
+        state = self._checkpoints[self.upto]
+        for k in range(self.upto + 1, tick + 1):
+            if (k - 1) % self._stride and k - 1 != next(iter(self._checkpoints)):
+                del self._checkpoints[k - 1]  # the oldest stays: every rewind needs one to go back to
+            state, self.outputs[k] = self._step(state, k)
+            self._checkpoints[k] = state
+            self.upto = k
+        self._thin(state)
+
+    def forget(self, tick: int) -> int:
+        """Drop checkpoints that no rewind to ``tick`` or later needs; return the first tick to fold again."""
+        oldest = max((k for k in self._checkpoints if k < tick), default=min(self._checkpoints))
+        for k in [k for k in self._checkpoints if k < oldest]:
+            del self._checkpoints[k]
+        return oldest + 1
+
+    def drop_outputs(self, tick: int) -> None:
+        """Drop the outputs before ``tick``."""
+        for k in [k for k in self.outputs if k < tick]:
+            del self.outputs[k]
+
+    def _thin(self, state: S) -> None:
+        affordable = max(1, self._budget_bytes // max(1, nbytes(state)))
+        self._stride = min(self._horizon, -(-self._horizon // affordable)) or 1
+
+
+def earliest(*ticks: int | None) -> int | None:
+    """Return the smallest of the ticks that are not None."""
+    return min((t for t in ticks if t is not None), default=None)

@@ -1,0 +1,58 @@
+"""What became of a message: exactly one outcome each, so that messages in = sum of outcomes."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Final
+
+
+class Outcome(StrEnum):
+    """The answer to a message."""
+
+    ACCEPTED = "accepted"
+    """In the timeline, or held until the clock it shows is confirmed."""
+    LATE = "late"
+    """In the timeline, behind a tick that was closed already: the past is revised."""
+    STALE = "stale"
+    """Beyond the horizon: not used."""
+    DUPLICATE = "duplicate"
+    """Seen before."""
+    MALFORMED = "malformed"
+    """Nothing in it can be used."""
+    UNAUTHORISED = "unauthorised"
+    BUSY = "busy"
+    THROTTLED = "throttled"
+    UNKNOWN = "unknown"
+
+
+_REMEMBERED: Final = 4096
+
+
+class Sequence:
+    """Recognises duplicates among a session's numbered messages, in whatever order they come.
+
+    It remembers which numbers below the highest are missing; a number that is neither missing nor new was seen before.
+    Numbers more than 4096 below the highest count as seen.
+    """
+
+    __slots__ = ("_highest", "_missing")
+
+    def __init__(self) -> None:
+        """Begin with nothing seen."""
+        self._highest = 0
+        self._missing: dict[int, None] = {}
+
+    def is_new(self, seq: int) -> bool:
+        """Take note of ``seq``, counted from 1, and tell whether it comes for the first time."""
+        if seq > self._highest:
+            self._missing.update(dict.fromkeys(range(max(self._highest + 1, seq - _REMEMBERED), seq)))
+            self._highest = seq
+            while len(self._missing) > _REMEMBERED:
+                del self._missing[next(iter(self._missing))]
+            return True
+        return self._missing.pop(seq, seq) is None
+
+    @property
+    def missing(self) -> int:
+        """How many numbers are missing among the last ones."""
+        return len(self._missing)

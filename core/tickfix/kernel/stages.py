@@ -1,0 +1,176 @@
+"""Calling a stage so that it can harm nobody: what it returns is checked, what it raises is caught and named."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+
+from tickfix.api.errors import PluginError
+from tickfix.api.packing import pack, unpack
+from tickfix.api.values import Belief, Motion, Observation, Report
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """An algorithm in its place.
+
+    Attributes:
+        kind, name: what it is and which.
+        key: equal for stages that compute the same: these are computed once.
+        algorithm: the instance, built for the site.
+    """
+
+    kind: str
+    name: str
+    key: str
+    algorithm: Any
+
+    @property
+    def label(self) -> str:
+        """How messages call it."""
+        return f"{self.kind} '{self.name}'"
+
+
+@dataclass(frozen=True, slots=True)
+class Pipeline:
+    """A named choice of stages; pdr and fingerprint may be absent. The map is part of the filter's context."""
+
+    name: str
+    filter: Stage
+    pdr: Stage | None = None
+    fingerprint: Stage | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A stage call that failed.
+
+    Attributes:
+        stage: label of the stage.
+        what: the kind of error; part of the estimate.
+        detail: the whole message; for logs, since it need not be the same everywhere.
+    """
+
+    stage: str
+    what: str
+    detail: str
+
+    def __str__(self) -> str:
+        """Return what an estimate says of it."""
+        return f"{self.stage}: {self.what}"
+
+
+class Caller:
+    """Calls stages.
+
+    Args:
+        on_failure: told of each failure.
+        strict: raise instead, for tests.
+        repack: pack and unpack every state that a stage returns: slow, and finds states that do not survive it.
+    """
+
+    def __init__(self, on_failure: Callable[[Failure], None], *, strict: bool = False, repack: bool = False) -> None:
+        """Keep how to react."""
+        self._on_failure = on_failure
+        self._strict = strict
+        self._repack = repack
+
+    def __call__(self, stage: Stage, check: Callable[[Any], Any], call: Callable[..., Any], *args: Any) -> Any:
+        """Return what ``call(*args)`` returned, checked by ``check``; or the :class:`Failure`."""
+        try:
+            return check(call(*args))
+        except Exception as error:
+            if self._strict:
+                raise PluginError(
+                    stage.label, f"{type(error).__name__}: {error}", "See the traceback above."
+                ) from error
+            failure = Failure(stage.label, type(error).__name__, str(error))
+            self._on_failure(failure)
+            return failure
+
+    def state(self, stage: Stage, state: Any) -> Any:
+        """Check a state: no NaN in it, of the type the algorithm declares."""
+        declared = stage.algorithm.State
+        if not isinstance(state, declared):
+            raise TypeError(f"returned a state of type {type(state).__name__}, expected {declared.__name__}")
+        if has_nan(state):
+            raise FloatingPointError("returned a state with NaN in it")
+        return unpack(pack(state), declared) if self._repack else state
+
+
+def checked_motion(motion: Any) -> Motion:
+    """Return ``motion`` if it is one and all its numbers are finite."""
+    if not isinstance(motion, Motion):
+        raise TypeError(f"returned {type(motion).__name__}, expected (state, Motion)")
+    for name in _MOTION_NUMBERS:
+        value = getattr(motion, name)
+        if value is not None and not math.isfinite(value):
+            raise FloatingPointError(f"returned Motion with {name} = {value}")
+    if motion.distance_m < 0:
+        raise ValueError(f"returned Motion with distance_m = {motion.distance_m}, must be ≥ 0")
+    return motion
+
+
+def checked_observation(observation: Any) -> Observation:
+    """Return ``observation`` if it is one and its fix, if any, is finite with a positive covariance."""
+    if not isinstance(observation, Observation):
+        raise TypeError(f"returned {type(observation).__name__}, expected (state, Observation)")
+    fix = observation.fix
+    if fix is not None:
+        if not (np.isfinite(fix.xy).all() and np.isfinite(fix.covariance).all()):
+            raise FloatingPointError("returned a fix that is not finite")
+        (a, b), (c, d) = fix.covariance.tolist()
+        if a <= 0 or d <= 0 or a * d - b * c <= 0:
+            raise ValueError("returned a fix whose covariance is not positive definite")
+    return observation
+
+
+def checked_report(report: Any) -> Report:
+    """Return ``report`` if it is one; numbers that are not finite are left out of it."""
+    if not isinstance(report, Report):
+        raise TypeError(f"returned {type(report).__name__}, expected (state, Report)")
+    changes: dict[str, Any] = {
+        name: None
+        for name in ("innovation_m", "gate")
+        if getattr(report, name) is not None and not math.isfinite(getattr(report, name))
+    }
+    return dataclasses.replace(report, **changes) if changes else report
+
+
+def checked_belief(belief: Any) -> Belief:
+    """Return ``belief`` if it is one, finite, with a symmetric covariance."""
+    if not isinstance(belief, Belief):
+        raise TypeError(f"estimate returned {type(belief).__name__}, expected Belief")
+    (x, y), ((a, b), (c, d)) = belief.xy.tolist(), belief.covariance.tolist()
+    if not all(map(math.isfinite, (x, y, a, b, c, d))):
+        raise FloatingPointError("estimate returned a belief that is not finite")
+    if a < 0 or d < 0 or abs(b - c) > 1e-6 * (1.0 + abs(b)):
+        raise ValueError("estimate returned a covariance that is not symmetric and positive")
+    return belief
+
+
+def has_nan(state: Any) -> bool:
+    """Tell whether an array or number within ``state`` is NaN."""
+    if isinstance(state, float):
+        return math.isnan(state)
+    if isinstance(state, np.ndarray):
+        return state.dtype.kind == "f" and bool(np.isnan(state).any())
+    if isinstance(state, tuple):
+        return any(has_nan(item) for item in state)
+    if dataclasses.is_dataclass(state) and not isinstance(state, type):
+        return any(has_nan(getattr(state, name)) for name in _field_names(type(state)))
+    return False
+
+
+@lru_cache(maxsize=256)
+def _field_names(cls: type[Any]) -> tuple[str, ...]:
+    return tuple(f.name for f in dataclasses.fields(cls))
+
+
+_MOTION_NUMBERS: Final = tuple(f.name for f in dataclasses.fields(Motion) if f.name not in ("steps", "stationary"))

@@ -1,0 +1,333 @@
+"""One device's past and present within one epoch of its clock: what was measured, in its order, tick by tick.
+
+A timeline is a set. Whatever the order of arrival and however samples were batched, the same measurements make the same
+timeline, and everything that is read from it comes in the order of (time, kind, source, seq, content). One sensor has
+one sample per instant: of two that differ, the smaller in lexicographic order stands, so that arrival decides nothing.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right, insort
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from tickfix.api.events import SENSORS, TICK_NS, Event, Fix, MotionSamples, Pressure, Samples, Scan
+from tickfix.api.values import Readings, Window
+from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
+from tickfix.kernel.intake import Outcome
+
+_ACTIVE_NS: Final = 1_000_000_000
+_MOTION: Final = frozenset(SENSORS) - {"pressure"}
+_KEPT_NS: Final = 60_000_000_000
+
+Row: TypeAlias = tuple[float, ...]
+
+
+def tick_of(t_ns: int) -> int:
+    """Return the tick that closes the interval holding ``t_ns``: the smallest k with k·200 ms ≥ t."""
+    return -(-t_ns // TICK_NS)
+
+
+class Item(NamedTuple):
+    """A single measurement: a sensor's row, a scan or a fix."""
+
+    t_ns: int
+    stream: str
+    content: Any
+
+
+@dataclass(slots=True)
+class Interval:
+    """What was measured within one tick."""
+
+    samples: dict[str, dict[int, Row]] = field(default_factory=dict)
+    scans: list[Scan] = field(default_factory=list)
+    fixes: list[Fix] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Changes:
+    """The earliest ticks whose content changed since they were last read; None means nothing did."""
+
+    motion: int | None = None
+    scans: int | None = None
+    fixes: int | None = None
+
+
+@dataclass(slots=True)
+class Insertion:
+    """What became of an event.
+
+    Attributes:
+        outcome: of the message.
+        anew: measurements that begin a new epoch, in their order; they and what followed them are not in this timeline.
+    """
+
+    outcome: Outcome
+    anew: list[Item] = field(default_factory=list)
+
+
+class Timeline:
+    """The measurements of one device and epoch.
+
+    Args:
+        horizon_ns: how far behind the last closed tick a measurement may still be inserted.
+        counts: where single measurements are counted, by what became of them.
+    """
+
+    def __init__(self, horizon_ns: int, counts: Counter[str]) -> None:
+        """Begin with nothing measured."""
+        self._horizon_ns = horizon_ns
+        self._counts = counts
+        self._clock = DeviceClock(horizon_ns)
+        self._intervals: dict[int, Interval] = {}
+        self._scans: list[Scan] = []
+        self.first: int | None = None
+        self.closed: int | None = None
+        self.changes = Changes()
+
+    def insert(self, event: Event) -> Insertion:
+        """Insert what can be used of an event (any but truth) and say what became of it."""
+        before = self._counts.copy()
+        if isinstance(event, MotionSamples) and self._insert_in_one_go(event):
+            return Insertion(self._outcome(before))
+        items = list(explode(event, self._counts))
+        anew = self.insert_items(items)
+        return Insertion(self._outcome(before), anew)
+
+    def insert_items(self, items: list[Item]) -> list[Item]:
+        """Insert measurements in the order given; return those that begin a new epoch, with all that follow them."""
+        for n, item in enumerate(items):
+            verdict = self._clock.judge(item.t_ns, item.stream, self._limit_ns)
+            if verdict is Verdict.FOLLOW:
+                self._insert(item)
+                for held in self._clock.caught_up():
+                    self._insert(held.item)
+            elif verdict is Verdict.STALE:
+                self._counts["stale"] += 1
+            else:
+                held = Held(item.t_ns, item.stream, item, ahead=verdict is Verdict.HOLD_AHEAD)
+                self._counts["held"] += 1
+                self._counts["dropped"] += self._clock.hold(held)
+                released, anew = self._clock.confirmed(held)
+                if anew:
+                    return [h.item for h in released] + items[n + 1 :]
+                for confirmed in released:
+                    self._insert(confirmed.item)
+        return []
+
+    def finish(self) -> None:
+        """Nothing more will come: insert what is held within reach of this epoch, drop the rest."""
+        for held in self._clock.remaining():
+            latest_ns = self._clock.latest_ns
+            if held.ahead and latest_ns is not None and held.t_ns <= latest_ns + LEAP_NS:
+                self._insert(held.item)
+            else:
+                self._counts["dropped"] += 1
+
+    @property
+    def newest(self) -> int | None:
+        """The tick that closes the interval of the newest measurement, None before the first."""
+        return None if self._clock.latest_ns is None else tick_of(self._clock.latest_ns)
+
+    @property
+    def passed(self) -> int | None:
+        """The newest tick that every motion sensor heard in the last second has passed, None before the first."""
+        now_ns = self._clock.latest_ns
+        if now_ns is None:
+            return None
+        active = (t for stream, t in self._clock.last_ns.items() if stream in _MOTION and t >= now_ns - _ACTIVE_NS)
+        return min(active, default=now_ns) // TICK_NS
+
+    def close(self, tick: int) -> None:
+        """Note that ``tick`` and all before it are closed."""
+        if self.closed is None or tick > self.closed:
+            self.closed = tick
+
+    def motion(self, tick: int) -> MotionSamples:
+        """Return the motion samples of a tick, every sensor's in strictly increasing time."""
+        interval = self._intervals.get(tick)
+        sensors: dict[str, Samples] = {}
+        if interval is not None:
+            for name in sorted(interval.samples):
+                rows = sorted(interval.samples[name].items())
+                sensors[name] = Samples(np.array([t for t, _ in rows], np.int64), np.array([row for _, row in rows]))
+        return MotionSamples(sensors=sensors, t0_ns=(tick - 1) * TICK_NS, t1_ns=tick * TICK_NS)
+
+    def scans(self, tick: int) -> list[Scan]:
+        """Return the scans of a tick in their order."""
+        interval = self._intervals.get(tick)
+        return [] if interval is None else interval.scans
+
+    def fixes(self, tick: int) -> list[Fix]:
+        """Return the fixes that others computed for a tick, in their order."""
+        interval = self._intervals.get(tick)
+        return [] if interval is None else interval.fixes
+
+    def window(self, scan: Scan, window: Window) -> Readings:
+        """Return the readings that ``window`` asks for, ending with ``scan``; each reading once."""
+        oldest_ns = scan.t_ns - round(window.seconds * 1e9)
+        end = bisect_right(self._scans, _scan_order(scan), key=_scan_order)
+        scans: list[Scan] = []
+        for candidate in reversed(self._scans[:end]):
+            if candidate.t_ns < oldest_ns or len(scans) == window.scans:
+                break
+            if candidate.source == scan.source:
+                scans.append(candidate)
+        return _readings(scan, scans[::-1], oldest_ns)
+
+    def forget(self, tick: int) -> None:
+        """Drop what no tick from ``tick`` on can need."""
+        for old in [k for k in self._intervals if k < tick]:
+            del self._intervals[old]
+        oldest_ns = tick * TICK_NS - _KEPT_NS
+        while self._scans and self._scans[0].t_ns < oldest_ns:
+            del self._scans[0]
+
+    @property
+    def _limit_ns(self) -> int | None:
+        if self.closed is not None:
+            return self.closed * TICK_NS - self._horizon_ns
+        return None if self._clock.latest_ns is None else self._clock.latest_ns - self._horizon_ns
+
+    def _outcome(self, before: Counter[str]) -> Outcome:
+        new = self._counts - before
+        if new["accepted"] or new["held"]:
+            return Outcome.ACCEPTED
+        for outcome in (Outcome.LATE, Outcome.DUPLICATE, Outcome.STALE):
+            if new[outcome.value]:
+                return outcome
+        return Outcome.MALFORMED
+
+    def _insert_in_one_go(self, batch: MotionSamples) -> bool:
+        """Insert a batch none of whose samples needs judging one by one; tell whether that was so."""
+        latest_ns, limit_ns = self._clock.latest_ns, self._limit_ns
+        if latest_ns is None or limit_ns is None or self._clock.holds:
+            return False
+        reach_ns = latest_ns + self._clock.jump_ns
+        for samples in batch.sensors.values():
+            if len(samples) == 0:
+                continue
+            if samples.t_ns.min() < max(limit_ns, 0) or samples.t_ns.max() > reach_ns:
+                return False
+            if not np.isfinite(samples.values).all():
+                return False
+        for name, samples in batch.sensors.items():
+            for t_ns, row in zip(samples.t_ns.tolist(), samples.values.tolist(), strict=True):
+                self._insert(Item(t_ns, name, tuple(row)))
+        return True
+
+    def _insert(self, item: Item) -> None:
+        tick = tick_of(item.t_ns)
+        self._counts["dropped"] += self._clock.follow(item.t_ns, item.stream)
+        interval = self._intervals.get(tick)
+        if interval is None:
+            interval = self._intervals[tick] = Interval()
+        if isinstance(item.content, Scan):
+            is_new = self._insert_scan(interval, item.content, tick)
+        elif isinstance(item.content, Fix):
+            is_new = self._insert_fix(interval, item.content, tick)
+        else:
+            is_new = self._insert_row(interval, item, tick)
+        if not is_new:
+            self._counts["duplicate"] += 1
+        else:
+            late = self.closed is not None and tick <= self.closed
+            self._counts["late" if late else "accepted"] += 1
+        if self.first is None or tick < self.first:
+            self.first = tick
+
+    def _insert_row(self, interval: Interval, item: Item, tick: int) -> bool:
+        rows = interval.samples.setdefault(item.stream, {})
+        present = rows.get(item.t_ns)
+        if present is None or item.content < present:
+            rows[item.t_ns] = item.content
+            self.changes.motion = tick if self.changes.motion is None else min(tick, self.changes.motion)
+        return present is None
+
+    def _insert_scan(self, interval: Interval, scan: Scan, tick: int) -> bool:
+        order = _scan_order(scan)
+        if any(_scan_order(present) == order for present in interval.scans):
+            return False
+        insort(interval.scans, scan, key=_scan_order)
+        insort(self._scans, scan, key=_scan_order)
+        self.changes.scans = tick if self.changes.scans is None else min(tick, self.changes.scans)
+        return True
+
+    def _insert_fix(self, interval: Interval, fix: Fix, tick: int) -> bool:
+        order = _fix_order(fix)
+        if any(_fix_order(present) == order for present in interval.fixes):
+            return False
+        insort(interval.fixes, fix, key=_fix_order)
+        self.changes.fixes = tick if self.changes.fixes is None else min(tick, self.changes.fixes)
+        return True
+
+
+def explode(event: Event, counts: Counter[str]) -> Iterable[Item]:
+    """Yield the single measurements of an event in their order; what is not finite or has no time is counted."""
+    if isinstance(event, MotionSamples):
+        items = []
+        for name, samples in event.sensors.items():
+            usable = np.isfinite(samples.values).all(axis=1) & (samples.t_ns >= 0)
+            counts["invalid"] += int(len(samples) - usable.sum())
+            rows = zip(samples.t_ns[usable].tolist(), samples.values[usable].tolist(), strict=True)
+            items += [Item(t_ns, name, tuple(row)) for t_ns, row in rows]
+        yield from sorted(items)
+    elif isinstance(event, Pressure):
+        if event.t_ns >= 0 and np.isfinite(event.pressure_hpa):
+            yield Item(event.t_ns, "pressure", (float(event.pressure_hpa),))
+        else:
+            counts["invalid"] += 1
+    elif isinstance(event, Scan):
+        usable = np.isfinite(event.rssi_dbm) & (event.heard_ns >= 0) & (event.heard_ns <= event.t_ns)
+        counts["invalid readings"] += int(len(event) - usable.sum())
+        if event.t_ns < 0 or (len(event) and not usable.any()):
+            counts["invalid"] += 1
+            return
+        if not usable.all():
+            heard = tuple(t for t, ok in zip(event.transmitters, usable, strict=True) if ok)
+            event = replace(event, transmitters=heard, rssi_dbm=event.rssi_dbm[usable], heard_ns=event.heard_ns[usable])
+        yield Item(event.t_ns, f"scan {event.source}", event)
+    elif isinstance(event, Fix):
+        variances = np.diag(event.covariance)
+        if (
+            event.t_ns >= 0
+            and np.isfinite(event.xy).all()
+            and np.isfinite(event.covariance).all()
+            and (variances > 0).all()
+        ):
+            yield Item(event.t_ns, f"fix {event.source}", event)
+        else:
+            counts["invalid"] += 1
+
+
+def _scan_order(scan: Scan) -> tuple[Any, ...]:
+    content = (scan.transmitters, scan.rssi_dbm.tobytes(), scan.heard_ns.tobytes())
+    return (scan.t_ns, scan.source, scan.seq, *content)
+
+
+def _fix_order(fix: Fix) -> tuple[Any, ...]:
+    return (fix.t_ns, fix.source, fix.seq, fix.floor, fix.xy.tobytes(), fix.covariance.tobytes())
+
+
+def _readings(newest: Scan, scans: list[Scan], oldest_ns: int) -> Readings:
+    found: dict[tuple[str, int], tuple[int, float]] = {}
+    for number, scan in enumerate(scans):
+        heard = zip(scan.transmitters, scan.heard_ns.tolist(), scan.rssi_dbm.tolist(), strict=True)
+        for transmitter, heard_ns, rssi_dbm in heard:
+            if heard_ns >= oldest_ns:
+                found.setdefault((transmitter, heard_ns), (number, rssi_dbm))
+    rows = sorted((number, heard_ns, name, rssi) for (name, heard_ns), (number, rssi) in found.items())
+    return Readings(
+        t_ns=newest.t_ns,
+        transmitters=tuple(row[2] for row in rows),
+        rssi_dbm=np.array([row[3] for row in rows], np.float64),
+        heard_ns=np.array([row[1] for row in rows], np.int64),
+        scan=np.array([row[0] for row in rows], np.int64),
+        scan_t_ns=tuple(scan.t_ns for scan in scans),
+        source=newest.source,
+    )
