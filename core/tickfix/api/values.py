@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tickfix.api.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
 from tickfix.api.events import Fix, MotionSamples, Scan, Truth
@@ -91,9 +92,10 @@ class Readings:
     source: str = "wifi"
 
     @staticmethod
-    def of(scan: Scan) -> Readings:
-        """Return the window that holds just this scan."""
-        order = sorted(range(len(scan)), key=lambda i: (int(scan.heard_ns[i]), scan.transmitters[i]))
+    def of(scan: Scan, seconds: float = np.inf) -> Readings:
+        """Return the window that holds just this scan's readings that are no older than ``seconds``."""
+        fresh = np.flatnonzero(scan.heard_ns >= scan.t_ns - min(seconds, 1e9) * 1e9)
+        order = sorted(fresh.tolist(), key=lambda i: (int(scan.heard_ns[i]), scan.transmitters[i]))
         return Readings(
             t_ns=scan.t_ns,
             transmitters=tuple(scan.transmitters[i] for i in order),
@@ -316,7 +318,10 @@ class RadioMap:
         sample_rssi_dbm: (S,) float64.
         sample_xy: (S, 2) float64, metres: where the sample was heard, not where its reference point lies.
         sample_t_ns: (S,) int64, when.
-        sample_chain: (S,) int64: samples of one chain of walks share a number; a fair test leaves whole chains out.
+        sample_chain: (S,) int64: samples of one chain of walks share a number, chains being numbered in the order of
+            their names; a fair test leaves whole chains out.
+        reach_m: a sample also describes the other points within this distance of where it was heard; 0 after a survey
+            that stood still at its points, a few metres after one that walked past them.
     """
 
     floors: tuple[str, ...]
@@ -329,6 +334,7 @@ class RadioMap:
     sample_xy: Floats
     sample_t_ns: Ints
     sample_chain: Ints
+    reach_m: float = 0.0
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
@@ -344,12 +350,48 @@ class RadioMap:
         """Return the number of reference points."""
         return len(self.point_xy)
 
-    def mean_matrix(self, missing_dbm: float = np.nan) -> Floats:
-        """Return (P, T) float64: the mean RSS per point and transmitter, ``missing_dbm`` where it was never heard."""
+    def described(self) -> tuple[Ints, Ints]:
+        """Return the pairs (point, sample) of which sample describes which point, each (N,) int64, sorted by point."""
+        if self.reach_m <= 0.0:
+            order = np.argsort(self.sample_point, kind="stable")
+            return self.sample_point[order], order
+        points, samples = [], []
+        sample_floor = self.point_floor[self.sample_point]
+        for floor in range(len(self.floors)):
+            here = np.flatnonzero(self.point_floor == floor)
+            heard = np.flatnonzero(sample_floor == floor)
+            if len(here) == 0 or len(heard) == 0:
+                continue
+            places, place = np.unique(self.sample_xy[heard], axis=0, return_inverse=True)
+            order = np.argsort(place.ravel(), kind="stable")
+            counts = np.bincount(place.ravel(), minlength=len(places))
+            starts = np.cumsum(counts) - counts
+            near = cKDTree(places).query_ball_point(self.point_xy[here], self.reach_m, return_sorted=True)
+            for point, found in zip(here, near, strict=True):
+                picked = [order[starts[n] : starts[n] + counts[n]] for n in found]
+                mine = heard[np.concatenate(picked)] if picked else np.zeros(0, np.int64)
+                points.append(np.full(len(mine), point))
+                samples.append(mine)
+        if not points:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        described, by = np.concatenate(points), np.concatenate(samples)
+        order = np.argsort(described, kind="stable")
+        return described[order], by[order]
+
+    def mean_matrix(self, missing_dbm: float = np.nan, use: Bools | None = None) -> Floats:
+        """Return (P, T) float64: the mean RSS per point and transmitter, ``missing_dbm`` where it was never heard.
+
+        Args:
+            missing_dbm: stands for what was never heard.
+            use: (S,) bool, the samples to use; all by default.
+        """
         shape = (len(self), len(self.transmitters))
-        flat = self.sample_point * shape[1] + self.sample_transmitter
+        point, sample = self.described()
+        if use is not None:
+            point, sample = point[use[sample]], sample[use[sample]]
+        flat = point * shape[1] + self.sample_transmitter[sample]
         count = np.bincount(flat, minlength=shape[0] * shape[1])
-        total = np.bincount(flat, weights=self.sample_rssi_dbm, minlength=shape[0] * shape[1])
+        total = np.bincount(flat, weights=self.sample_rssi_dbm[sample], minlength=shape[0] * shape[1])
         mean = np.full(shape[0] * shape[1], missing_dbm)
         np.divide(total, count, out=mean, where=count > 0)
         return mean.reshape(shape)

@@ -1,0 +1,15 @@
+"""What this package offers."""
+
+from __future__ import annotations
+
+from tickfix.api import hookimpl
+from tickfix_fingerprint.knn import Knn
+from tickfix_fingerprint.wknn import Wknn
+
+TICKFIX_API = 1
+
+
+@hookimpl
+def tickfix_register() -> list[type]:
+    """Offer the fingerprints."""
+    return [Knn, Wknn]

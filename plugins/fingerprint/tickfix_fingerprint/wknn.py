@@ -1,0 +1,53 @@
+"""Fingerprint ``wknn``: the weighted mean of the k nearest reference points, with a choice of what is near.
+
+Sources: [bahl2000] for the idea, [torres-sospedra2015] for representations and similarities. The defaults follow the
+latter's finding that a non-linear representation with the Sørensen distance is the most robust over buildings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final
+
+from tickfix.api import Floats, Preset, parameter
+from tickfix_fingerprint.neighbours import NearestNeighbours, NeighbourParams
+from tickfix_fingerprint.representation import Representation
+from tickfix_fingerprint.similarity import Similarity
+
+_EPSILON: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class WknnParams(NeighbourParams):
+    """Parameters of ``wknn``."""
+
+    representation: Annotated[
+        Representation, parameter("of signal strengths", source="[torres-sospedra2015] 3.1", trains=True)
+    ] = "powed"
+    similarity: Annotated[Similarity, parameter("what is near", source="[torres-sospedra2015] 3.2", trains=True)] = (
+        "sorensen"
+    )
+
+
+class Wknn(NearestNeighbours[WknnParams]):
+    """Mean of the k nearest reference points, each weighing the inverse of its distance."""
+
+    name = "wknn"
+    source = "[bahl2000], [torres-sospedra2015]"
+    Params = WknnParams
+    presets: ClassVar[Mapping[str, Preset]] = {
+        "euclid": Preset(
+            "[jiang2015] eq. (20) and [sun2013] compare with it",
+            {"representation": "positive", "similarity": "euclidean"},
+        )
+    }
+
+    @staticmethod
+    def comparison(params: WknnParams) -> tuple[Representation, Similarity]:
+        """Compare as chosen."""
+        return params.representation, params.similarity
+
+    def weigh(self, distances: Floats) -> Floats:
+        """Weigh by the inverse distance."""
+        return 1.0 / (distances + _EPSILON)

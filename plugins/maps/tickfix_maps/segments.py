@@ -1,0 +1,128 @@
+"""Exact crossings of many short moves with many wall segments.
+
+A coarse grid lists for each cell the segments that a short move around its centre could touch; only those are tested,
+each exactly. A raster of blocked cells would refuse moves beside a wall and a test of end points would jump through it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import shapely
+
+from tickfix.api import Bools, Floats, Ints, frozen
+
+_CELL_M: Final = 0.5
+_REACH_M: Final = 1.0  # half of the longest piece that is tested at once
+_MARGIN_M: Final = 2.0
+_ROUNDING_M: Final = 1e-6
+
+
+class SegmentIndex:
+    """Wall segments, ready to be crossed.
+
+    Args:
+        segments: (m, 2, 2) float64, metres; segments of no length are left out.
+    """
+
+    def __init__(self, segments: Floats) -> None:
+        """Lay the grid over the segments."""
+        segments = segments[np.hypot(*(segments[:, 1] - segments[:, 0]).T) > 0]
+        self.segments = frozen(segments)
+        self._width = self._height = 0
+        if len(segments) == 0:
+            return
+        corners = segments.reshape(-1, 2)
+        self._origin = corners.min(axis=0) - _MARGIN_M
+        self._width, self._height = np.ceil((corners.max(axis=0) + _MARGIN_M - self._origin) / _CELL_M).astype(int)
+        rows, columns = np.divmod(np.arange(self._width * self._height), self._width)
+        centres = self._origin + _CELL_M * (np.stack([columns, rows], axis=1) + 0.5)
+        tree = shapely.STRtree(shapely.linestrings(segments))
+        # A piece is at most 2·reach long and its middle lies in the cell.
+        reach_m = _REACH_M + _CELL_M * np.sqrt(0.5)
+        points = shapely.points(centres)
+        cell, segment = tree.query(points, predicate="dwithin", distance=reach_m)
+        distance = shapely.distance(points[cell], tree.geometries[segment])
+        order = np.lexsort((segment, distance, cell))
+        self._candidates: Ints = segment[order].astype(np.int64)
+        self._distances: Floats = distance[order]
+        self._counts: Ints = np.bincount(cell, minlength=len(centres)).astype(np.int64)
+        self._nearest: Floats = np.full(len(centres), np.inf)
+        np.minimum.at(self._nearest, cell, distance)
+        self._offsets: Ints = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
+
+    def crosses(self, a: Floats, b: Floats) -> Bools:
+        """Tell for each move from ``a`` (n, 2) to ``b`` (n, 2) whether it passes through or touches a segment."""
+        move, _ = self._crossings(a, b)
+        crossed = np.zeros(len(a), dtype=np.bool_)
+        crossed[move] = True
+        return crossed
+
+    def first_crossing(self, a: Floats, b: Floats) -> float:
+        """Return the share of the single move ``a`` → ``b``, each (2,), done when it meets a segment, else 1."""
+        _, segment = self._crossings(a[None], b[None])
+        way = b - a
+        shares = [1.0]
+        for p, q in self.segments[segment]:
+            wall = q - p
+            across = way[0] * wall[1] - way[1] * wall[0]
+            start = p - a
+            shares.append(float((start[0] * wall[1] - start[1] * wall[0]) / across) if across != 0 else 0.0)
+        return min(shares)
+
+    def _crossings(self, a: Floats, b: Floats) -> tuple[Ints, Ints]:
+        """Return for every pair that meets: index of the move and of the segment."""
+        none = np.zeros(0, dtype=np.int64)
+        if self._width == 0 or len(a) == 0:
+            return none, none
+        move = np.arange(len(a))
+        lengths = np.hypot(b[:, 0] - a[:, 0], b[:, 1] - a[:, 1])
+        pieces = np.maximum(1, np.ceil(lengths / (2.0 * _REACH_M)).astype(np.int64))
+        if pieces.max() > 1:
+            move = np.repeat(move, pieces)
+            number = np.arange(len(move)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+            middle = a[move] + ((number + 0.5) / pieces[move])[:, None] * (b[move] - a[move])
+        else:
+            middle = 0.5 * (a + b)
+        place = (middle - self._origin) / _CELL_M
+        column, row = np.floor(place).astype(np.int64).T
+        inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
+        cell = np.where(inside, row * self._width + column, 0)
+        # From the cell's centre, a piece reaches no further than to its middle and then half its length.
+        reach = _CELL_M * np.hypot(place[:, 0] - column - 0.5, place[:, 1] - row - 0.5)
+        reach += 0.5 * lengths[move] / pieces[move] + _ROUNDING_M
+        close = np.flatnonzero(inside & (self._nearest[cell] <= reach))
+        if len(close) == 0:
+            return none, none
+        counts = self._counts[cell[close]]
+        piece = np.repeat(close, counts)
+        within = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
+        candidate = self._offsets[cell[piece]] + within
+        near = self._distances[candidate] <= reach[piece]
+        piece, segment = piece[near], self._candidates[candidate[near]]
+        # The whole move is tested, not the piece: cutting it would move its points by rounding.
+        move = move[piece]
+        meets = _meet(a[move], b[move], self.segments[segment, 0], self.segments[segment, 1])
+        return move[meets], segment[meets]
+
+
+def _meet(a: Floats, b: Floats, p: Floats, q: Floats) -> Bools:
+    """Tell for each pair whether the closed segments ab and pq share a point: (n,) bool."""
+    ax, ay, bx, by = a[:, 0], a[:, 1], b[:, 0], b[:, 1]
+    px, py, qx, qy = p[:, 0], p[:, 1], q[:, 0], q[:, 1]
+    # Each of the two must not lie wholly on one side of the other …
+    side_p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+    side_q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
+    side_a = (qx - px) * (ay - py) - (qy - py) * (ax - px)
+    side_b = (qx - px) * (by - py) - (qy - py) * (bx - px)
+    straddle = (np.sign(side_p) * np.sign(side_q) <= 0) & (np.sign(side_a) * np.sign(side_b) <= 0)
+    # … and where both are on one line, their extents must overlap.
+    overlap = (
+        (np.minimum(ax, bx) <= np.maximum(px, qx))
+        & (np.minimum(px, qx) <= np.maximum(ax, bx))
+        & (np.minimum(ay, by) <= np.maximum(py, qy))
+        & (np.minimum(py, qy) <= np.maximum(ay, by))
+    )
+    meets: Bools = straddle & overlap
+    return meets
