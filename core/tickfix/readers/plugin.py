@@ -1,0 +1,17 @@
+"""The readers that come with tickfix, offered like anyone's plugin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from tickfix.api import hookimpl
+from tickfix.readers.indoor_location import IndoorLocationReader
+
+TICKFIX_API = 1
+
+
+@hookimpl
+def tickfix_register() -> Sequence[type[Any]]:
+    """Offer the readers."""
+    return [IndoorLocationReader]
