@@ -1,0 +1,17 @@
+"""What this package offers."""
+
+from __future__ import annotations
+
+from tickfix.api import hookimpl
+from tickfix_filters.dead_reckoning import DeadReckoning
+from tickfix_filters.fixes import Fixes
+from tickfix_filters.fusion_pf import FusionPf
+from tickfix_filters.kalman import Kalman
+
+TICKFIX_API = 1
+
+
+@hookimpl
+def tickfix_register() -> list[type]:
+    """Offer the filters."""
+    return [Fixes, DeadReckoning, Kalman, FusionPf]

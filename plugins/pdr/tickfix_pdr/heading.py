@@ -1,0 +1,136 @@
+"""Where the phone points, from whichever sensors there are: clockwise from north, radians.
+
+The phone is taken to point along its y axis, the long one, or along −z where it is held upright. In order of trust:
+
+1. the rotation vector, which the phone's own filter computed from all sensors;
+2. gyroscope and magnetometer: yaw integrated and slowly pulled to the compass;
+3. the magnetometer alone: the tilt-compensated compass, smoothed;
+4. the gyroscope alone: how it turned, but not where to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from tickfix.api import Floats, MotionSamples, Samples, wrap_rad
+
+_GRAVITY_S: Final = 0.5
+_COMPASS_WITH_GYRO_S: Final = 10.0
+_COMPASS_ALONE_S: Final = 0.5
+_UPRIGHT: Final = 0.35  # horizontal part of the y axis below which the phone stands rather than lies
+_LONGEST_DT_S: Final = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingState:
+    """What is known of the direction.
+
+    Attributes:
+        heading_rad: None as long as no sensor told one.
+        up: gravity's reaction in the device frame, smoothed, m/s²; zero before the first acceleration.
+        gyroscope_ns: the last gyroscope sample's time, −1 before the first.
+        compass_s: for how long the compass has been listened to.
+    """
+
+    heading_rad: float | None = None
+    up: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gyroscope_ns: int = -1
+    compass_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """What a tick's samples say: mean direction (sin, cos) while it lasted, and how far it turned."""
+
+    sin: float
+    cos: float
+    turn_rad: float
+    known: bool
+
+
+def fold_heading(state: HeadingState, samples: MotionSamples) -> tuple[HeadingState, Direction]:
+    """Fold a tick's samples; return the new state and the direction during the tick."""
+    dt = (samples.t1_ns - samples.t0_ns) * 1e-9
+    up = _gravity(state.up, samples.sensors.get("accelerometer"), dt)
+    turned, gyroscope_ns = _yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
+    rotation = samples.sensors.get("rotation_vector")
+    magnetometer = samples.sensors.get("magnetometer")
+    heading, compass_s = state.heading_rad, state.compass_s
+    sin = cos = 0.0
+    if rotation is not None:
+        azimuths = azimuth_of(rotation.values)
+        sin, cos = float(np.sin(azimuths).mean()), float(np.cos(azimuths).mean())
+        last = float(azimuths[-1])
+        turned = last - heading if heading is not None and turned is None else (turned or 0.0)
+        heading = last
+    elif magnetometer is not None and any(up):
+        compass = compass_heading(magnetometer.values.mean(axis=0), np.array(up))
+        slowness = _COMPASS_ALONE_S if turned is None else _COMPASS_WITH_GYRO_S
+        compass_s = min(compass_s + dt, slowness)
+        predicted = compass if heading is None else heading + (turned or 0.0)
+        pulled = predicted + dt / (compass_s + dt) * float(wrap_rad(compass - predicted))
+        turned = turned if turned is not None else (0.0 if heading is None else pulled - heading)
+        heading = pulled
+    elif heading is not None and turned is not None:
+        heading += turned
+    if heading is not None:
+        heading = float(wrap_rad(heading))
+        if rotation is None:
+            sin, cos = math.sin(heading), math.cos(heading)
+    direction = Direction(sin, cos, float(wrap_rad(turned or 0.0)), known=heading is not None)
+    return HeadingState(heading, up, gyroscope_ns, compass_s), direction
+
+
+def azimuth_of(quaternions: Floats) -> Floats:
+    """Return where the phone points (n,), clockwise from north, for quaternions (n, 4) x, y, z, w device → ENU."""
+    x, y, z, w = quaternions.T
+    east, north = 2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z)
+    upright = np.hypot(east, north) < _UPRIGHT
+    if upright.any():
+        east = np.where(upright, -2.0 * (x * z + y * w), east)
+        north = np.where(upright, -2.0 * (y * z - x * w), north)
+    azimuth: Floats = np.arctan2(east, north)
+    return azimuth
+
+
+def compass_heading(field: Floats, up: Floats) -> float:
+    """Return where the phone points by the magnetic field (3,) and the vertical (3,), both in the device frame."""
+    up = up / np.linalg.norm(up)
+    east = np.cross(field, up)
+    norm = float(np.linalg.norm(east))
+    if norm == 0.0:
+        return 0.0  # no field across the vertical: nothing points anywhere
+    east = east / norm
+    north = np.cross(up, east)
+    axis = 1 if math.hypot(east[1], north[1]) >= _UPRIGHT else 2
+    sign = 1.0 if axis == 1 else -1.0
+    return math.atan2(sign * float(east[axis]), sign * float(north[axis]))
+
+
+def _gravity(up: tuple[float, float, float], samples: Samples | None, dt: float) -> tuple[float, float, float]:
+    if samples is None:
+        return up
+    mean = samples.values.mean(axis=0)
+    if any(up):
+        gain = dt / (_GRAVITY_S + dt)
+        mean = np.array(up) + gain * (mean - np.array(up))
+    return (float(mean[0]), float(mean[1]), float(mean[2]))
+
+
+def _yaw(last_ns: int, samples: Samples | None, up: tuple[float, float, float]) -> tuple[float | None, int]:
+    """Return how far the phone turned clockwise about the vertical, None without gyroscope or vertical."""
+    if samples is None:
+        return None, last_ns
+    vertical = np.array(up)
+    length = float(np.linalg.norm(vertical))
+    newest_ns = int(samples.t_ns[-1])
+    if length == 0.0:
+        return None, newest_ns
+    before = int(samples.t_ns[0]) if last_ns < 0 else last_ns
+    dt = np.minimum(np.diff(samples.t_ns, prepend=before) * 1e-9, _LONGEST_DT_S)
+    # The right-hand rule turns counter-clockwise seen from above; headings run clockwise.
+    return -float(dt @ (samples.values @ vertical)) / length, newest_ns

@@ -1,0 +1,14 @@
+"""What this package offers."""
+
+from __future__ import annotations
+
+from tickfix.api import hookimpl
+from tickfix_pdr.steps import Steps
+
+TICKFIX_API = 1
+
+
+@hookimpl
+def tickfix_register() -> list[type]:
+    """Offer dead reckoning."""
+    return [Steps]
