@@ -1,0 +1,75 @@
+"""Smooth random functions of place: the same place always gives the same value, however often one comes by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tickfix.api import Floats, Rng, frozen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomField:
+    """k independent, stationary Gaussian random functions of a place in d dimensions.
+
+    Each is a sum of f plane waves whose wave vectors are drawn from the spectral density of the wished covariance
+    (random Fourier features, Rahimi and Recht 2007): no grid, no interpolation, any place at any time.
+
+    Attributes:
+        sigma: standard deviation of every function, in the unit of what it describes.
+        waves: (k, f, d) float64, rad/m.
+        phases: (k, f) float64, rad.
+    """
+
+    sigma: float
+    waves: Floats
+    phases: Floats
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "waves", frozen(self.waves))
+        object.__setattr__(self, "phases", frozen(self.phases))
+
+    def at(self, points: Floats) -> Floats:
+        """Return all functions at each point: (…, d) metres → (…, k)."""
+        return self.each_at(
+            np.broadcast_to(points[..., None, :], (*points.shape[:-1], len(self.phases), points.shape[-1]))
+        )
+
+    def each_at(self, points: Floats) -> Floats:
+        """Return each function at a point of its own: (…, k, d) metres → (…, k)."""
+        angle: Floats = self.phases + sum(points[..., i, None] * self.waves[..., i] for i in range(points.shape[-1]))
+        amplitude = self.sigma * np.sqrt(2.0 / self.phases.shape[1])
+        total: Floats = amplitude * np.cos(angle).sum(axis=-1)
+        return total
+
+
+def draw_field(
+    rng: Rng,
+    *,
+    functions: int,
+    sigma: float,
+    length_m: float,
+    covariance: Literal["exponential", "gaussian"] = "exponential",
+    dimensions: int = 3,
+    waves: int = 128,
+) -> RandomField:
+    """Draw a :class:`RandomField` in which the correlation falls with the distance d between two places.
+
+    Args:
+        rng: what is drawn, is drawn from here.
+        functions: k.
+        sigma: standard deviation.
+        length_m: ℓ, the distance at which the correlation has fallen to 1/e (``gaussian``: to exp(−1/2)).
+        covariance: ``"exponential"`` exp(−d/ℓ), rough, as Gudmundson (1991) measured for shadowing, or ``"gaussian"``
+            exp(−d²/2ℓ²), smooth.
+        dimensions: d.
+        waves: f; the more, the closer to Gaussian.
+    """
+    vectors = rng.standard_normal((functions, waves, dimensions)) / length_m
+    if covariance == "exponential":
+        # exp(−d/ℓ) is the characteristic function of the multivariate Cauchy, a normal over the root of a χ² of one.
+        vectors /= np.abs(rng.standard_normal((functions, waves, 1)))
+    return RandomField(sigma, vectors, rng.uniform(0.0, 2.0 * np.pi, (functions, waves)))

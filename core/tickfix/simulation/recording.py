@@ -1,0 +1,159 @@
+"""A walk from the first sample to the last, as tickfix would have recorded it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from tickfix.api import Event, Floats, Ints, MotionSamples, Recording, Rng, Samples, Scan, Truth
+from tickfix.simulation.building import Building
+from tickfix.simulation.people import Walker
+from tickfix.simulation.phone import Phone, sense
+from tickfix.simulation.routes import Route
+from tickfix.simulation.scanning import Heard, Receiver, scan
+from tickfix.simulation.walker import Steps, Trajectory, walk
+
+START_NS: Final = 1_700_000_000_000_000_000
+"""When simulated recordings begin, unless told otherwise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Logging:
+    """How samples become messages.
+
+    Attributes:
+        batch_s: motion samples of so long make one message.
+        latency_s: shortest and longest time from sending to arrival; messages may overtake each other.
+        waypoint_m: the surveyor taps at the start, at the end, and so far apart on the way.
+        tap_s: shortest and longest time from a tap to its being logged.
+    """
+
+    batch_s: float = 0.1
+    latency_s: tuple[float, float] = (0.005, 0.03)
+    waypoint_m: float = 6.0
+    tap_s: tuple[float, float] = (0.05, 0.3)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SimulatedWalk:
+    """A recording with all that no real one has.
+
+    Attributes:
+        recording: what a reader would have given.
+        t_ns: (n,) int64, the trajectory's instants on the device's clock.
+        trajectory: where the person truly was, at 200 Hz.
+        steps: the true steps; their times count from ``t_ns[0]``.
+        scans: when the phone listened, in seconds since ``t_ns[0]``.
+    """
+
+    recording: Recording
+    t_ns: Ints
+    trajectory: Trajectory
+    steps: Steps
+    scans: tuple[Heard, ...]
+
+
+def simulate_walk(
+    building: Building,
+    route: Route,
+    rng: Rng,
+    *,
+    name: str,
+    walker: Walker | None = None,
+    phone: Phone | None = None,
+    receiver: Receiver | None = None,
+    logging: Logging | None = None,
+    start_ns: int = START_NS,
+) -> SimulatedWalk:
+    """Walk a route with a phone in the hand.
+
+    Args:
+        building: where.
+        route: its floor is the floor of the recording.
+        rng: walking, motion sensors, Wi-Fi and logging draw from four streams of it: another phone on the same seed
+            is carried along the very same walk.
+        name: of the recording, and of the device.
+        walker, phone, receiver, logging: settings, the defaults where not given.
+        start_ns: device time at which the recording begins.
+    """
+    walk_rng, motion_rng, radio_rng, log_rng = rng.spawn(4)
+    walker, log = walker or Walker(), logging or Logging()
+    floor = building.floor(route.floor)
+    trajectory, steps = walk(route, walker, walk_rng)
+    level_m = floor.level * building.radio.settings.floor_height_m
+    t, samples = sense(trajectory, level_m, building.magnetic, phone or Phone(), walker.hold, motion_rng)
+    scans = scan(trajectory, floor, building.radio, receiver or Receiver(), radio_rng)
+    motion_log, scan_log, tap_log = log_rng.spawn(3)
+    sent = _arrived(
+        [
+            *_batches(_ns(t, start_ns), samples, name, start_ns, log, motion_log),
+            *_scans(scans, [ap.name for ap in building.access_points], name, start_ns, log, scan_log),
+        ]
+    )
+    taps = _arrived(_taps(trajectory, route.floor, name, start_ns, log, tap_log))
+    # Taps count on after the phone's own messages, so that leaving the truth out leaves no gap.
+    events = [replace(event, seq=seq) for seq, event in enumerate([*sent, *taps])]
+    recording = Recording(name=name, floor=route.floor, events=tuple(_arrived(events)))
+    return SimulatedWalk(
+        recording=recording, t_ns=_ns(trajectory.t_s, start_ns), trajectory=trajectory, steps=steps, scans=scans
+    )
+
+
+def _arrived(events: Sequence[Event]) -> list[Event]:
+    return sorted(events, key=lambda event: (event.arrival_ns, event.t_ns))
+
+
+def _ns(t_s: Floats | float, start_ns: int) -> Ints:
+    ns: Ints = start_ns + np.rint(t_s * 1e9).astype(np.int64)
+    return ns
+
+
+def _later(t_ns: int, span_s: tuple[float, float], rng: Rng) -> int:
+    return t_ns + round(rng.uniform(*span_s) * 1e9)
+
+
+def _batches(
+    t_ns: Ints, samples: Mapping[str, Floats], name: str, start_ns: int, log: Logging, rng: Rng
+) -> list[MotionSamples]:
+    batch_ns = round(log.batch_s * 1e9)
+    number = (t_ns - start_ns) // batch_ns
+    cuts = np.flatnonzero(np.diff(number, prepend=-1, append=-1))
+    return [
+        MotionSamples(
+            sensors={sensor: Samples(t_ns[a:b], values[a:b]) for sensor, values in samples.items()},
+            device=name,
+            arrival_ns=_later(start_ns + int(number[a] + 1) * batch_ns, log.latency_s, rng),
+        )
+        for a, b in pairwise(cuts.tolist())
+    ]
+
+
+def _scans(
+    scans: Sequence[Heard], names: Sequence[str], device: str, start_ns: int, log: Logging, rng: Rng
+) -> list[Scan]:
+    return [
+        Scan(
+            transmitters=tuple(names[i] for i in heard.access_point),
+            rssi_dbm=heard.rssi_dbm,
+            heard_ns=_ns(heard.heard_s, start_ns),
+            t_ns=int(_ns(np.max(heard.heard_s, initial=heard.begin_s), start_ns)),
+            device=device,
+            arrival_ns=_later(int(_ns(heard.delivered_s, start_ns)), log.latency_s, rng),
+        )
+        for heard in scans
+    ]
+
+
+def _taps(trajectory: Trajectory, floor: str, name: str, start_ns: int, log: Logging, rng: Rng) -> list[Truth]:
+    total = float(trajectory.way_m[-1])
+    way = np.linspace(0.0, total, max(1, round(total / log.waypoint_m)) + 1)
+    # The way stands still in pauses: a tap in one is made on arriving, the first one before setting off.
+    t = trajectory.t_s[np.minimum(np.searchsorted(trajectory.way_m, way), len(trajectory.t_s) - 1)]
+    return [
+        Truth(t_ns=int(ns), floor=floor, xy=xy, device=name, arrival_ns=_later(int(ns), log.tap_s, rng))
+        for ns, xy in zip(_ns(t, start_ns), trajectory.xy_at(t), strict=True)
+    ]
