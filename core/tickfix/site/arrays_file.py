@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,9 +26,11 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     for name, array in arrays.items():
         if np.asarray(array).dtype.kind not in _KINDS:
             raise SiteError(f"{path.name}: {name} holds {np.asarray(array).dtype}; only numbers and strings are kept")
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(path, "w") as file:
         for name in sorted(arrays):
-            with file.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:  # dated 1980, always
+            entry = zipfile.ZipInfo(f"{name}.npy")  # dated 1980, always
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            with file.open(entry, "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, np.asarray(arrays[name]), allow_pickle=False)
 
 
@@ -38,10 +41,10 @@ def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
         SiteError: when the file is missing, damaged or pickled.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise SiteError(f"{path}: found a single array, expected an .npz of named arrays; survey again")
-            return {name: file[name] for name in file.files}
+        file = np.load(BytesIO(path.read_bytes()), allow_pickle=False)
+        if not isinstance(file, np.lib.npyio.NpzFile):
+            raise SiteError(f"{path}: found a single array, expected an .npz of named arrays; survey again")
+        return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise SiteError(f"{path}: missing; restore it from a copy of the site or survey again") from None
     except (OSError, ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile, zlib.error) as error:
