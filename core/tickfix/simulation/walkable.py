@@ -107,13 +107,13 @@ def walkable(floor: Floor, margin_m: float = 0.3, cell_m: float = 0.35) -> Walka
         raise ValueError(f"cell_m: found {cell_m} m, expected less than {np.sqrt(2.0) * margin_m:.2f} m")
     region = _region(floor, margin_m)
     columns, rows = (int(np.ceil(size / cell_m)) for size in (floor.width_m, floor.height_m))
-    middle = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) * cell_m + cell_m / 2
+    middle: Floats = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) * cell_m + cell_m / 2
     free = shapely.contains_xy(region, middle[..., 0], middle[..., 1])
     if not free.any():
         raise ValueError(f"floor {floor.name}: nothing to walk on at {margin_m} m from its walls")
     clearance = np.asarray(distance_transform_edt(np.pad(free, 1)))[1:-1, 1:-1] * cell_m
     index = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)
-    graph = _graph(index, clearance, cell_m)
+    graph = _graph(index, clearance, middle, region, cell_m)
     _, part = connected_components(graph, directed=False)
     keep = np.flatnonzero(part == np.argmax(np.bincount(part)))
     number = np.full(len(part) + 1, -1)  # the last, for −1, stays −1
@@ -136,8 +136,8 @@ def _region(floor: Floor, margin_m: float) -> Any:
     return region
 
 
-def _graph(index: Ints, clearance_m: Floats, cell_m: float) -> csr_matrix:
-    """Join neighbouring cells, diagonal ones too."""
+def _graph(index: Ints, clearance_m: Floats, xy: Floats, region: Any, cell_m: float) -> csr_matrix:
+    """Join neighbouring cells, diagonal ones too, where the step between them keeps the margin."""
     n = int(index.max()) + 1
     discomfort = _discomfort(clearance_m[index >= 0])
     starts, ends, weights = [], [], []
@@ -150,6 +150,12 @@ def _graph(index: Ints, clearance_m: Floats, cell_m: float) -> csr_matrix:
         ends.append(b)
         weights.append(cell_m * np.hypot(dx, dy) * (discomfort[a] + discomfort[b]) / 2.0)
     a, b, weight = np.concatenate(starts), np.concatenate(ends), np.concatenate(weights)
+    # Only a step along the rim can leave the region: round the end of a wall, say.
+    clearance, middle = clearance_m[index >= 0], xy[index >= 0]
+    rim = np.flatnonzero((clearance[a] < 2.0 * cell_m) & (clearance[b] < 2.0 * cell_m))
+    keep = np.ones(len(a), dtype=bool)
+    keep[rim] = shapely.covers(region, shapely.linestrings(np.stack([middle[a[rim]], middle[b[rim]]], axis=1)))
+    a, b, weight = a[keep], b[keep], weight[keep]
     return csr_matrix(
         (np.tile(weight, 2), (np.concatenate([a, b]), np.concatenate([b, a]))),
         shape=(n, n),
