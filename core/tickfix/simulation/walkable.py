@@ -107,7 +107,8 @@ def walkable(floor: Floor, margin_m: float = 0.3, cell_m: float = 0.35) -> Walka
         raise ValueError(f"cell_m: found {cell_m} m, expected less than {np.sqrt(2.0) * margin_m:.2f} m")
     region = _region(floor, margin_m)
     columns, rows = (int(np.ceil(size / cell_m)) for size in (floor.width_m, floor.height_m))
-    middle: Floats = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) * cell_m + cell_m / 2
+    cells = np.stack(np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows, dtype=np.float64)), axis=-1)
+    middle: Floats = (cells + 0.5) * cell_m
     free = shapely.contains_xy(region, middle[..., 0], middle[..., 1])
     if not free.any():
         raise ValueError(f"floor {floor.name}: nothing to walk on at {margin_m} m from its walls")
