@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from tickfix.api import Belief, Fix, Floats, Motion, PredictUpdateFilter, Report
 from tickfix_filters.floors import OnFloor
 from tickfix_filters.noise import independent_covariance
 from tickfix_filters.resampling import effective_number, normalised, systematic
+
+_TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
 @dataclass(frozen=True)
@@ -147,10 +149,16 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         )
 
     def _around(self, fix: Fix, n: int, rng: Rng) -> Floats:
-        """Draw n places from the fix's Gaussian, moved to where one can stand."""
-        xy = fix.xy + rng.standard_normal((n, 2)) @ np.linalg.cholesky(fix.covariance).T
+        """Draw n places from the fix's Gaussian, those preferred where one can stand."""
         floor_map = self.context.maps.get(fix.floor)
-        return xy if floor_map is None else floor_map.nearest_free(xy)
+        drawn = n if floor_map is None else _TRIES * n
+        xy = fix.xy + rng.standard_normal((drawn, 2)) @ np.linalg.cholesky(fix.covariance).T
+        if floor_map is None:
+            return xy
+        free = xy[floor_map.contains(xy)]
+        if len(free) == 0:
+            return floor_map.nearest_free(xy[:n])
+        return free[np.arange(n) % len(free)]
 
     @staticmethod
     def _biases(motion: Motion, n: int, rng: Rng) -> tuple[Floats, Floats]:

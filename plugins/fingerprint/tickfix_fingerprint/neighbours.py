@@ -63,6 +63,7 @@ class ReferencePoints:
     ) -> None:
         """Average the samples of each point; points without any are left out."""
         mean = radio_map.mean_matrix(np.nan, use)
+        mean[:, [transmitter.startswith("ble:") for transmitter in radio_map.transmitters]] = np.nan
         known = ~np.isnan(mean).all(axis=1)
         self._representation: Representation = representation
         self._missing_dbm = missing_dbm
