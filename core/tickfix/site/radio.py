@@ -12,10 +12,6 @@ from numpy.typing import NDArray
 
 from tickfix.api import Floats, Ints, RadioMap, Recording, Scan
 from tickfix.site.legs import Leg
-from tickfix.site.points import reference_points
-
-SPACING_NS = 5_000_000_000
-"""Where a walk heard beacons only, one of them in this time stands for a scan."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -30,12 +26,11 @@ class Heard:
 class RadioMapBuilder:
     """Collects walk after walk; counts in ``notes`` what became of their readings."""
 
-    def __init__(self, floors: Sequence[str], *, point_window_s: float, reach_m: float) -> None:
+    def __init__(self, floors: Sequence[str], *, spacing_m: float, reach_m: float) -> None:
         self.notes: Counter[str] = Counter()
         self._floors = tuple(floors)
-        self._window_s = point_window_s
+        self._spacing_m = spacing_m
         self._reach_m = reach_m
-        self._points = 0
         self._columns: dict[str, list[NDArray[Any]]] = {}
 
     def add(self, recording: Recording, legs: Sequence[Leg], chain: int) -> None:
@@ -50,40 +45,41 @@ class RadioMapBuilder:
         for leg in legs:
             on_leg = leg.covers(heard.t_ns)
             placed += int(on_leg.sum())
-            self._add_leg(heard, np.flatnonzero(on_leg), leg, scans, chain)
+            self._add_leg(heard, np.flatnonzero(on_leg), leg, chain)
         self.notes["readings between floors"] += int(inside.sum()) - placed
 
-    def _add_leg(self, heard: Heard, rows: Ints, leg: Leg, scans: Sequence[Scan], chain: int) -> None:
-        xy = leg.at(heard.t_ns[rows])
-        times = scan_times(scans)
-        times = times[leg.covers(times)]
-        points = reference_points(heard.t_ns[rows], xy, times, point_window_s=self._window_s)
-        kept = points.of_reading >= 0
-        self.notes["readings far from any scan"] += int((~kept).sum())
-        self.notes["readings kept"] += int(kept.sum())
-        floor = self._floors.index(leg.floor)
+    def _add_leg(self, heard: Heard, rows: Ints, leg: Leg, chain: int) -> None:
+        self.notes["readings kept"] += len(rows)
         for name, values in {
-            "point_floor": np.full(len(points.xy), floor, dtype=np.int64),
-            "point_xy": points.xy,
-            "sample_point": points.of_reading[kept] + self._points,
-            "transmitter": heard.transmitters[rows][kept],
-            "sample_rssi_dbm": heard.rssi_dbm[rows][kept],
-            "sample_xy": xy[kept],
-            "sample_t_ns": heard.t_ns[rows][kept],
-            "sample_chain": np.full(int(kept.sum()), chain, dtype=np.int64),
+            "floor": np.full(len(rows), self._floors.index(leg.floor), dtype=np.int64),
+            "transmitter": heard.transmitters[rows],
+            "sample_rssi_dbm": heard.rssi_dbm[rows],
+            "sample_xy": leg.at(heard.t_ns[rows]),
+            "sample_t_ns": heard.t_ns[rows],
+            "sample_chain": np.full(len(rows), chain, dtype=np.int64),
         }.items():
             self._columns.setdefault(name, []).append(values)
-        self._points += len(points.xy)
 
     def build(self) -> RadioMap:
-        """Return the map of all walks added."""
-        if not self._columns:
+        """Return the map of all walks added.
+
+        A reference point stands in every cell of a square grid in which something was heard, at the mean place of what
+        was: walks that pass one place many times make one good point of it, where a point per scan would make many
+        poor ones, and a nearest-neighbour method would find the same corner several times.
+        """
+        if not self._columns or not sum(map(len, self._columns["floor"])):
             return empty_radio_map(self._floors)
         columns: dict[str, Any] = {name: np.concatenate(parts) for name, parts in self._columns.items()}
         transmitters, index = np.unique(columns.pop("transmitter"), return_inverse=True)
+        cells = np.column_stack([columns.pop("floor"), np.floor(columns["sample_xy"] / self._spacing_m)])
+        cells, point = np.unique(cells, axis=0, return_inverse=True)
+        count = np.bincount(point)
         return RadioMap(
             floors=self._floors,
             transmitters=tuple(map(str, transmitters)),
+            point_floor=cells[:, 0].astype(np.int64),
+            point_xy=np.column_stack([np.bincount(point, weights=xy) / count for xy in columns["sample_xy"].T]),
+            sample_point=point.astype(np.int64),
             sample_transmitter=index.astype(np.int64),
             reach_m=self._reach_m,
             **columns,
@@ -121,18 +117,3 @@ def heard_once(scans: Sequence[Scan]) -> Heard:
         t_ns=np.array([heard_ns for heard_ns, _ in keys], dtype=np.int64),
         rssi_dbm=np.array([first[key] for key in keys], dtype=np.float64),
     )
-
-
-def scan_times(scans: Sequence[Scan]) -> Ints:
-    """Return the distinct times (m,) around which reference points are made, increasing.
-
-    Beacons are heard one by one, many a second: they make no points of their own unless there is no Wi-Fi.
-    """
-    wifi = sorted({scan.t_ns for scan in scans if scan.source == "wifi"})
-    if wifi:
-        return np.array(wifi, dtype=np.int64)
-    spaced: list[int] = []
-    for t_ns in sorted({scan.t_ns for scan in scans}):
-        if not spaced or t_ns - spaced[-1] >= SPACING_NS:
-            spaced.append(t_ns)
-    return np.array(spaced, dtype=np.int64)

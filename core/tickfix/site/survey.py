@@ -29,7 +29,7 @@ def survey(
     *,
     name: str = "site",
     holdout: float = 0.0,
-    point_window_s: float = 2.5,
+    spacing_m: float = 2.0,
     reach_m: float = 3.0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Surveyed:
@@ -41,7 +41,7 @@ def survey(
         floors: plans, see :func:`floors_of`; a floor that is walked on but not given is there without a plan.
         name: of the site.
         holdout: share of the walks to keep for testing, see :mod:`tickfix.site.holdout`.
-        point_window_s: see :func:`tickfix.site.points.reference_points`.
+        spacing_m: width of the cells of which each that was walked through becomes a reference point.
         reach_m: of the radio map, see :class:`tickfix.api.RadioMap`: 0 for a survey that stood still at its points.
         progress: called as ``progress(done, total)`` after each surveyed walk.
 
@@ -60,7 +60,7 @@ def survey(
         )
     plans = _with_missing(floors, walks)
     numbers = {chain: i for i, chain in enumerate(sorted({chain_of[walk.name] for walk in kept}))}
-    radio = RadioMapBuilder([floor.name for floor in plans], point_window_s=point_window_s, reach_m=reach_m)
+    radio = RadioMapBuilder([floor.name for floor in plans], spacing_m=spacing_m, reach_m=reach_m)
     tracks: list[SurveyTrack] = []
     for done, walk in enumerate(kept, 1):
         parts, chain = legs(walk.truth), chain_of[walk.name]

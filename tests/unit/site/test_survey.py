@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from surveys import T0, S, scan, walk
 
 from tickfix.api import Floor, Recording, SiteError, Truth, motion_samples
-from tickfix.site.points import reference_points
 from tickfix.site.survey import survey
 
 seconds = st.integers(-20_000, 60_000).map(lambda ms: ms / 1000)
@@ -40,8 +39,7 @@ def test_each_sample_lies_on_the_polyline_at_the_time_it_was_heard(steps: list, 
     notes = site.notes
     assert notes.get("readings kept", 0) == len(radio.sample_t_ns)
     assert len(once) == sum(
-        notes.get(f"readings {fate}", 0)
-        for fate in ("kept", "far from any scan", "before the first waypoint", "after the last waypoint")
+        notes.get(f"readings {fate}", 0) for fate in ("kept", "before the first waypoint", "after the last waypoint")
     )
 
 
@@ -69,12 +67,15 @@ def test_several_scans_at_one_spot_are_one_reference_point() -> None:
     assert radio.mean_matrix().tolist() == [[-52.5]]
 
 
-def test_beacons_join_the_points_of_wifi_scans_and_make_their_own_where_there_are_none() -> None:
-    beacons = [scan((f"ble:{i}", -80, 1 + i), source="ble") for i in range(8)]
-    with_wifi = [*beacons, scan(("ap", -50, 5))]
-    line = [(0, 0, 0), (10, 10, 0)]
-    assert len(survey([walk("w", line, with_wifi)], [Floor(name="F1")]).site.radio_map) == 1
-    assert len(survey([walk("w", line, beacons)], [Floor(name="F1")]).site.radio_map) == 2
+def test_walks_through_one_place_share_its_reference_point() -> None:
+    there = walk("a", [(0, 0.5, 0.5), (10, 9.5, 0.5)], [scan(("ap", -50, t)) for t in (1, 9)])
+    back = walk("b", [(100, 9.5, 1.0), (110, 0.5, 1.0)], [scan(("ap", -60, t)) for t in (101, 109)])
+    radio = survey([there, back], [Floor(name="F1")], spacing_m=2.0, reach_m=0.0).site.radio_map
+    assert radio.point_xy.tolist() == [
+        [pytest.approx(1.4), pytest.approx(0.75)],
+        [pytest.approx(8.6), pytest.approx(0.75)],
+    ]
+    assert radio.mean_matrix().tolist() == [[-55.0], [-55.0]]
 
 
 def test_readings_between_two_floors_have_no_place() -> None:
@@ -139,9 +140,3 @@ def test_a_survey_that_leaves_nothing_is_refused() -> None:
 def test_two_floors_of_one_name_are_refused() -> None:
     with pytest.raises(SiteError, match="several floors called F1"):
         survey([walk("a", [(0, 0, 0), (5, 1, 1)])], [Floor(name="F1"), Floor(name="F1")])
-
-
-def test_points_without_readings_or_scans_are_none() -> None:
-    none = np.zeros(0, np.int64)
-    assert reference_points(none, np.zeros((0, 2)), np.array([1])).xy.shape == (0, 2)
-    assert reference_points(np.array([1]), np.zeros((1, 2)), none).of_reading.tolist() == [-1]
