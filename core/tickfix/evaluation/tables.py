@@ -1,0 +1,90 @@
+"""A run's figures as tables for the terminal, readable at 100 columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from tickfix.evaluation.summary import PipelineSummary, Summary
+
+_Cell = Callable[[PipelineSummary], float | None]
+
+_METRES: Sequence[tuple[str, _Cell]] = (
+    ("mean", lambda p: p.figures.mean_m),
+    ("median", lambda p: p.figures.median_m),
+    ("p75", lambda p: p.figures.p75_m),
+    ("p90", lambda p: p.figures.p90_m),
+    ("p95", lambda p: p.figures.p95_m),
+    ("max", lambda p: p.figures.max_m),
+    ("rmse", lambda p: p.figures.rmse_m),
+    ("covered\nmean", lambda p: p.covered.mean_m),
+)
+_SHARES: Sequence[tuple[str, _Cell]] = (
+    ("right\nfloor", lambda p: p.floor_hit),
+    ("avail-\nable", lambda p: p.availability),
+)
+
+
+def pooled_table(summary: Summary) -> Table:
+    """Return the pooled figures: a row per pipeline in the order of the run, errors in metres, the best in bold."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), caption=_caption(summary), caption_justify="left")
+    table.add_column("error, m", overflow="fold", vertical="bottom")
+    columns = []
+    for title, cell in _METRES:
+        table.add_column(title, justify="right", no_wrap=True)
+        columns.append(_column([cell(pipeline) for pipeline in summary.pipelines.values()], _metres, min))
+    for title, cell in _SHARES:
+        table.add_column(title, justify="right", no_wrap=True)
+        columns.append(_column([cell(pipeline) for pipeline in summary.pipelines.values()], _percent, max))
+    for i, name in enumerate(summary.pipelines):
+        table.add_row(Text(name), *(column[i] for column in columns))
+    return table
+
+
+def walk_table(summary: Summary) -> Table:
+    """Return the mean errors in metres: a row per walk, a column per pipeline, the best of a walk in bold."""
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1),
+        caption="mean error in metres at the scored waypoints",
+        caption_justify="left",
+    )
+    table.add_column("walk", overflow="fold")
+    table.add_column("floor", overflow="fold")
+    table.add_column("scored", justify="right", no_wrap=True)
+    for name in summary.pipelines:
+        table.add_column(Text(name), justify="right", overflow="fold")
+    for walk in summary.walks:
+        means = [walk.pipelines[name].figures.mean_m for name in summary.pipelines]
+        cells = _column(means, _metres, min)
+        table.add_row(Text(walk.name), Text(walk.floor), f"{walk.scored}/{walk.waypoints}", *cells)
+    return table
+
+
+def _caption(summary: Summary) -> str:
+    waypoints = sum(walk.waypoints for walk in summary.walks)
+    scored = sum(walk.scored for walk in summary.walks)
+    shares = {pipeline.covered_share for pipeline in summary.pipelines.values()} - {None}
+    covered = f", {_percent(shares.pop())} of them covered by the survey" if shares else ""
+    walks = "walk" if len(summary.walks) == 1 else "walks"
+    return f"{scored} of {waypoints} waypoints of {len(summary.walks)} {walks} scored{covered}"
+
+
+def _column(
+    values: Sequence[float | None], show: Callable[[float | None], str], best: Callable[[Sequence[float]], float]
+) -> list[Text]:
+    known = [value for value in values if value is not None]
+    shown = [show(value) for value in values]
+    winner = show(best(known)) if known and len(set(shown)) > 1 else None
+    return [Text(text, style="bold" if text == winner else "") for text in shown]
+
+
+def _metres(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"
+
+
+def _percent(value: float | None) -> str:
+    return "–" if value is None else f"{100 * value:.1f} %"
