@@ -1,0 +1,138 @@
+"""Surveying: recordings with truth become a site with trained models; a site becomes the context of algorithms."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tickfix.api import Context, Floor, ReaderError, Recording, Survey, Trained
+from tickfix.config import Choice, PipelineConfig
+from tickfix.drivers.recordings import Progress, Source, read_all, silent
+from tickfix.drivers.workers import spread
+from tickfix.kernel.randomness import Streams
+from tickfix.site.site import Site
+from tickfix.site.survey import floors_of, survey
+
+_DEVICE = "survey"
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SurveyedSite:
+    """A site with its models, and everything that went wrong on the way, for people to read."""
+
+    site: Site
+    problems: tuple[str, ...]
+
+
+def context_of(site: Site) -> Context:
+    """Return what algorithms are built for."""
+    floors = {floor.name: floor for floor in site.floors}
+    return Context(floors=MappingProxyType(floors), radio_map=site.radio_map)
+
+
+def survey_files(
+    sources: Sequence[Source],
+    pipelines: Iterable[PipelineConfig],
+    *,
+    name: str,
+    holdout: float,
+    seed: int,
+    progress: Progress = silent,
+) -> SurveyedSite:
+    """Read recordings and survey them; one that cannot be read is left out and said so.
+
+    Raises:
+        TickfixError: when no walk is left to survey.
+    """
+    problems: list[str] = []
+    recordings: list[Recording] = []
+    by_reader: defaultdict[str, list[Recording]] = defaultdict(list)
+    readers = {source.name: source.reader for source in sources}
+    for source, recording in zip(sources, read_all(sources, progress), strict=True):
+        if isinstance(recording, ReaderError):
+            problems.append(f"{recording}; it is left out")
+            continue
+        recordings.append(recording)
+        by_reader[source.name].append(recording)
+        problems += [f"{source.path}: {problem}" for problem in recording.problems]
+    floors: list[Floor] = []
+    for reader, mine in by_reader.items():
+        plans, broken = floors_of(readers[reader], mine)
+        floors += plans
+        problems += broken
+    surveyed = survey_walks(recordings, floors, pipelines, name=name, holdout=holdout, seed=seed, progress=progress)
+    return replace(surveyed, problems=(*problems, *surveyed.problems))
+
+
+def survey_walks(
+    recordings: Iterable[Recording],
+    floors: Sequence[Floor],
+    pipelines: Iterable[PipelineConfig],
+    *,
+    name: str,
+    holdout: float = 0.0,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> SurveyedSite:
+    """Survey walks and train what the pipelines chose.
+
+    Raises:
+        SiteError: when no walk is left to survey.
+    """
+    result = survey(
+        recordings, floors, name=name, holdout=holdout, progress=lambda done, total: progress("mapping", done, total)
+    )
+    models, problems = train(trainable(pipelines), result.lessons, seed, progress)
+    return SurveyedSite(site=replace(result.site, models=models), problems=problems)
+
+
+def trainable(pipelines: Iterable[PipelineConfig]) -> tuple[Choice, ...]:
+    """Return the choices that learn from a survey, each model once, in the order of the pipelines."""
+    choices: dict[str, Choice] = {}
+    for pipeline in pipelines:
+        for choice in pipeline.choices:
+            if hasattr(choice.offer.cls, "train"):
+                choices.setdefault(choice.model, choice)
+    return tuple(choices.values())
+
+
+def train(
+    choices: Sequence[Choice], lessons: Survey, seed: int, progress: Progress = silent
+) -> tuple[Mapping[str, Trained], tuple[str, ...]]:
+    """Train each choice; return models by :attr:`~tickfix.config.Choice.model`, and what failed.
+
+    The random stream is keyed by the model, so that what else is trained changes no model.
+    """
+
+    def learn(choice: Choice) -> Trained | str:
+        rng = Streams(seed, _DEVICE).at(0, 0, choice.model)
+        try:
+            return _checked(choice.offer.cls.train(choice.params, lessons, rng))
+        except Exception as error:  # noqa: BLE001 - an algorithm that cannot learn must not cost the survey
+            return f"{choice.offer.label}: training failed: {type(error).__name__}: {error}; it will run untrained"
+
+    models: dict[str, Trained] = {}
+    problems: list[str] = []
+    progress("training", 0, len(choices))
+    for done, (choice, model) in enumerate(zip(choices, spread(learn, choices), strict=True), start=1):
+        if isinstance(model, str):
+            problems.append(model)
+        else:
+            models[choice.model] = model
+        progress("training", done, len(choices))
+    return models, tuple(problems)
+
+
+def _checked(model: Any) -> Trained:
+    if not isinstance(model, Mapping):
+        raise TypeError(f"train returned {type(model).__name__}, expected named arrays")
+    arrays = {str(name): np.asarray(array) for name, array in model.items()}
+    for name, array in arrays.items():
+        if array.dtype.kind == "O":
+            raise TypeError(f"train returned {name!r} as an array of objects, expected numbers or strings")
+    return arrays

@@ -1,0 +1,102 @@
+"""Work spread over the cores: the same results as with one, in the same order.
+
+Walks have nothing to do with each other, so they may be read and replayed side by side. Processes are forked: what the
+work needs (readers, pipelines built for a site) is there already and is never sent, only results are.
+"""
+
+from __future__ import annotations
+
+import io
+import multiprocessing
+import os
+import pickle
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tickfix.api import TickfixError
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_MOST = 16
+
+
+def cores() -> int:
+    """Return how many processes can work at once; 1 where forking is not safe."""
+    return min(_MOST, len(os.sched_getaffinity(0))) if sys.platform == "linux" else 1
+
+
+def spread(
+    function: Callable[[Item], Result], items: Sequence[Item], *, processes: int | None = None
+) -> Iterator[Result]:
+    """Give ``function(item)`` for each item, in the order of the items.
+
+    Args:
+        function: any callable; it must not depend on what ran before.
+        items: what to work on.
+        processes: how many work at once; by default as many as there are cores, 1 stays in this process.
+
+    Raises:
+        TickfixError: the first that ``function`` raised, or when a process died.
+    """
+    count = min(cores() if processes is None else processes, len(items))
+    if count < 2:
+        yield from map(function, items)
+        return
+    context = multiprocessing.get_context("fork")
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_adopt, initargs=(function, items))
+    try:
+        for done, packed in pool.map(_work, range(len(items))):
+            if not done:
+                raise TickfixError(packed.decode())
+            yield pickle.loads(packed)  # noqa: S301 - made a moment ago by our own child
+    except BrokenProcessPool as error:
+        raise TickfixError("a worker process died, perhaps for want of memory; run fewer walks at a time") from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+class _Packer(pickle.Pickler):
+    """Brings values to the parent as they are: mappings and arrays that are read-only stay so."""
+
+    def reducer_override(self, value: Any) -> Any:
+        if isinstance(value, MappingProxyType):
+            return _view, (dict(value),)
+        if type(value) is np.ndarray and not value.flags.writeable and value.dtype.kind in "biuf":
+            return _read_only, (value.tobytes(), value.dtype.str, value.shape)
+        return NotImplemented
+
+
+def _view(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(mapping)
+
+
+def _read_only(data: bytes, dtype: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    return np.frombuffer(data, dtype=dtype).reshape(shape)
+
+
+_adopted: list[Any] = []
+
+
+def _adopt(function: Callable[[Any], Any], items: Sequence[Any]) -> None:
+    """Take over, in a child, what was there when it was forked."""
+    _adopted[:] = [function, items]
+
+
+def _work(i: int) -> tuple[bool, bytes]:
+    function, items = _adopted
+    try:
+        result = function(items[i])
+    except TickfixError as error:
+        # As text: exceptions that take several arguments do not survive pickling.
+        return False, str(error).encode()
+    buffer = io.BytesIO()
+    _Packer(buffer, pickle.HIGHEST_PROTOCOL).dump(result)
+    return True, buffer.getvalue()
