@@ -1,0 +1,56 @@
+"""The ``tickfix`` command: its subcommands, and how it fails."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+import tickfix
+from tickfix.api import TickfixError
+from tickfix.cli.demo import demo
+from tickfix.cli.plugins import app as plugins_app
+from tickfix.cli.replay import replay
+from tickfix.cli.survey import survey
+
+app = typer.Typer(
+    name="tickfix",
+    help="Follow people indoors: motion sensors and Wi-Fi scans in, a position every 200 ms out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command()(demo)
+app.command()(survey)
+app.command()(replay)
+app.add_typer(plugins_app, name="plugins")
+
+
+def _version(asked: bool) -> None:  # noqa: FBT001 - the shape of a typer callback
+    if asked:
+        typer.echo(f"tickfix {tickfix.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    *,
+    _: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    """Follow people indoors: motion sensors and Wi-Fi scans in, a position every 200 ms out."""
+
+
+def main() -> None:
+    """Run the command: what the user can mend is told in one line, and the exit code is 2."""
+    try:
+        app()
+    except (TickfixError, OSError) as error:
+        sys.stderr.write(f"tickfix: {error}\n")
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

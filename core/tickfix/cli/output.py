@@ -1,0 +1,68 @@
+"""What the command says: results on stdout, progress and warnings on stderr."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bars
+
+from tickfix.drivers.recordings import Progress
+from tickfix.plugins import Registry, discover
+
+_SHOWN: Final = 5
+_PIPED_COLUMNS: Final = 120
+
+
+def stdout() -> Console:
+    """Return the console for results; where no terminal tells its width, tables take theirs."""
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else _PIPED_COLUMNS
+    return Console(width=width, markup=False, highlight=False, emoji=False)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object and nothing else."""
+    sys.stdout.write(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def warn(text: str) -> None:
+    """Print a warning."""
+    sys.stderr.write(f"tickfix: warning: {text}\n")
+
+
+def warn_of(problems: tuple[str, ...], what: str) -> None:
+    """Print the first few problems and how many more there are."""
+    for problem in problems[:_SHOWN]:
+        warn(problem)
+    if len(problems) > _SHOWN:
+        warn(f"… and {len(problems) - _SHOWN} more {what}")
+
+
+def registry() -> Registry:
+    """Discover the plugins; broken ones are told of and left out."""
+    found = discover()
+    for problem in found.problems:
+        warn(f"plugin {problem}")
+    return found
+
+
+@contextmanager
+def progress() -> Iterator[Progress]:
+    """Show bars on stderr, one for each kind of work."""
+    columns = (TextColumn("{task.description:>10}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    # Without a thread that refreshes: work is forked from here.
+    with Bars(*columns, console=Console(stderr=True), auto_refresh=False) as bars:
+        tasks: dict[str, TaskID] = {}
+
+        def show(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done, total=total, refresh=True)
+
+        yield show

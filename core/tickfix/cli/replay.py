@@ -1,0 +1,133 @@
+"""``tickfix replay``: recordings through pipelines, scored against their waypoints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tickfix.api import ConfigError, SiteError
+from tickfix.cli.output import print_json, progress, registry, stdout, warn, warn_of
+from tickfix.cli.sinks import Target, opened, sink_for
+from tickfix.cli.survey import ConfigFile, Seed
+from tickfix.config import Config, load
+from tickfix.drivers.recordings import Source, find
+from tickfix.evaluation.run import Bench, WalkRun, Wishes, draw_errors, pool, prepare, run_walks, untrained
+from tickfix.evaluation.tables import pooled_table, walk_table
+from tickfix.plugins import Registry
+from tickfix.site.folder import load as load_site
+from tickfix.site.site import Site
+
+
+class Start(StrEnum):
+    """What pipelines are told of where a walk begins."""
+
+    UNKNOWN = "unknown"
+    FIRST_WAYPOINT = "first-waypoint"
+
+
+PipelineNames = Annotated[
+    list[str] | None, typer.Option("--pipeline", metavar="NAME", help="Run only this one; may be given several times.")
+]
+
+
+def replay(
+    site: Annotated[Path, typer.Argument(metavar="SITE", help="Folder that `tickfix survey` made.")],
+    walks: Annotated[
+        list[Path] | None, typer.Argument(metavar="[WALK…]", help="Recordings, or folders of them.")
+    ] = None,
+    *,
+    holdout: Annotated[bool, typer.Option("--holdout", help="Replay the walks that the survey held out.")] = False,
+    config: ConfigFile = None,
+    pipeline: PipelineNames = None,
+    start: Annotated[Start, typer.Option("--start", help="What pipelines know of the start.")] = Start.UNKNOWN,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    by_walk: Annotated[bool, typer.Option("--walks", help="Print a table of the walks, too.")] = False,
+    pictures: Annotated[
+        Path | None, typer.Option("--pictures", metavar="DIR", help="Draw every walk, and the errors.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write the published estimates, by the file's ending.")
+    ] = None,
+    seed: Seed = None,
+    strict: Annotated[bool, typer.Option("--strict", help="Stop where a stage fails.")] = False,
+) -> None:
+    """Replay walks as they were logged, a position every 200 ms, and compare pipelines at the waypoints."""
+    found = registry()
+    settings = configured(load(config, found), pipeline, seed, strict=strict)
+    sink = None if out is None else Target(sink_for(out, found), out)
+    surveyed = load_site(site)
+    sources = _sources(surveyed, walks or [], found, holdout=holdout)
+    for label in untrained(surveyed, settings):
+        again = "tickfix survey" if config is None else f"tickfix survey --config {config}"
+        warn(f"{label}: the site has no model for these parameters; it runs untrained. Survey again: {again} …")
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
+    wishes = Wishes(start_known=start is Start.FIRST_WAYPOINT, pictures=pictures, estimates=sink is not None)
+    runs = _run(prepare(surveyed, settings), sources, wishes, sink)
+    summary, failures = pool(runs)
+    warn_of(tuple(f"{what} ({count} ×)" for what, count in failures.items()), "failures")
+    if as_json:
+        print_json(summary.as_json())
+        return
+    console = stdout()
+    if by_walk:
+        console.print(walk_table(summary))
+    console.print(pooled_table(summary))
+    for what, where in {"Pictures": pictures, "Estimates": out}.items():
+        if where is not None:
+            console.print(f"{what} are in {where}", soft_wrap=True)
+
+
+def _run(bench: Bench, sources: Sequence[Source], wishes: Wishes, target: Target | None) -> list[WalkRun]:
+    runs: list[WalkRun] = []
+    with progress() as show, nullcontext() if target is None else opened(target) as write:
+        show("replaying", 0, len(sources))
+        for run in run_walks(bench, sources, wishes):
+            if write is not None:
+                for estimate in run.estimates:
+                    write(estimate)
+            runs.append(replace(run, estimates=()))
+            show("replaying", len(runs), len(sources))
+    if wishes.pictures is not None:
+        draw_errors(runs, wishes.pictures / "cdf.png")
+    if wishes.start_known:
+        blind = tuple(run.result.score.name for run in runs if not run.start_known)
+        warn_of(tuple(f"{name}: has no waypoint, so its start is unknown" for name in blind), "such walks")
+    return runs
+
+
+def configured(settings: Config, pipelines: list[str] | None, seed: int | None, *, strict: bool = False) -> Config:
+    """Return the settings as the command line changes them."""
+    kernel = replace(settings.kernel, strict=strict, seed=settings.kernel.seed if seed is None else seed)
+    return replace(settings.only(pipelines) if pipelines else settings, kernel=kernel)
+
+
+def _sources(site: Site, walks: Sequence[Path], found: Registry, *, holdout: bool) -> tuple[Source, ...]:
+    if holdout and walks:
+        raise ConfigError("replay", "both WALKs and --holdout", "one of the two")
+    if not holdout and not walks:
+        raise ConfigError("replay", "no walks", "recordings after SITE, or --holdout")
+    if holdout and not site.held_out:
+        raise SiteError(f"site {site.name!r}: no walk was held out; survey again with --holdout 0.3")
+    files = find([held.file() for held in site.held_out] if holdout else walks, found)
+    warn_of(files.problems, "problems of readers")
+    names = [_stem(source.path) for source in files.sources]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError("replay", f"several walks called {twice[0]!r}", "walks with different names")
+    learnt = {track.walk for track in site.survey_tracks}
+    if known := [name for name in names if name in learnt]:
+        warn(
+            f"{known[0]}{' and others' if len(known) > 1 else ''}: part of the survey, which flatters the errors: "
+            "the site has learnt from it"
+        )
+    return files.sources
+
+
+def _stem(path: Path) -> str:
+    return path.name.removesuffix(".gz").rpartition(".")[0] or path.name
