@@ -2,8 +2,9 @@
 
 After [jiang2015] sections 6 and 7: each particle walks every 200 ms, is weighed by a Wi-Fi fix when there is one, and
 the set is resampled. Beyond the paper, a particle also carries its own bias of the heading and error of the step
-length, which its walk teaches it; the fix's error has heavy tails and a memory; a particle that crosses a wall loses
-nearly all of its weight; and a few particles begin anew at every fix, so that a wrong belief never lasts
+length, which its walk teaches it, and how far the last fix was off if the particle is right: errors of fixes have a
+memory (:mod:`tickfix_filters.noise`). A particle that crosses a wall loses nearly all of its weight, and so does, step
+by step, one that walks where nobody can. A few particles begin anew at every fix, so that a wrong belief never lasts
 (sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting localization", ICRA 2000).
 """
 
@@ -11,172 +12,210 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import numpy as np
 
-from tickfix.api import Belief, Fix, Floats, Motion, PredictUpdateFilter, Report, Rng, frozen, parameter, wrap_rad
+from tickfix.api import (
+    Belief,
+    Fix,
+    Floats,
+    Motion,
+    PredictUpdateFilter,
+    Report,
+    Rng,
+    displacement,
+    parameter,
+    wrap_rad,
+)
 from tickfix_filters.floors import OnFloor
-from tickfix_filters.noise import independent_covariance
-from tickfix_filters.resampling import effective_number, normalised, systematic
+from tickfix_filters.noise import FixErrorParams
+from tickfix_filters.resampling import effective_number, normalised, spatial_median, systematic
 
 _TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
 @dataclass(frozen=True)
-class FusionPfParams:
+class FusionPfParams(FixErrorParams):
     """Parameters of ``fusion-pf``."""
 
     particles: Annotated[int, parameter("N", source="[jiang2015] section 6", ge=2)] = 500
     diffusion_m: Annotated[
         float, parameter("way per square root of a second that no step explains", unit="m/√s", ge=0)
     ] = 0.1
-    correlation_s: Annotated[float, parameter("time over which errors of fixes are alike", unit="s", ge=0)] = 6.0
-    freedom: Annotated[float, parameter("degrees of freedom ν of the errors of fixes", gt=0)] = 4.0
     crossing_weight: Annotated[
-        float, parameter("share of its weight that a particle keeps when it crosses a wall", gt=0, le=1)
+        float, parameter("share of its weight a particle keeps when it crosses a wall", gt=0, le=1)
     ] = 0.05
+    outside_weight: Annotated[
+        float, parameter("share of its weight it keeps with each step where nobody can walk", gt=0, le=1)
+    ] = 0.3
     renewed: Annotated[
-        float, parameter("share of the particles that begin anew at a fix", source="[lenser2000]", ge=0, lt=1)
+        float, parameter("share of the particles that begin anew at a good fix", source="[lenser2000]", ge=0, lt=1)
     ] = 0.03
+    renewed_sigma_m: Annotated[
+        float, parameter("a fix with this σ is good; at a poorer one fewer begin anew", unit="m", gt=0)
+    ] = 4.0
     resample_below: Annotated[
         float, parameter("effective share of particles that calls for resampling", gt=0, le=1)
     ] = 0.5
+    centre: Annotated[
+        Literal["median", "mean"],
+        parameter("the position told: spatial median, which errs least on average, or mean, which errs least squared"),
+    ] = "median"
 
 
 @dataclass(frozen=True, slots=True)
 class Particles:
-    """N particles: positions (N, 2) in metres, heading biases (N,) in rad, step scales (N,), log weights (N,)."""
+    """N particles.
+
+    Attributes:
+        on: the floor all are on.
+        xy: (N, 2) metres.
+        bias_rad, scale: (N,) of the heading, and of the length of steps.
+        error: (N, 2) of the last fix in multiples of its σ, if the particle is right.
+        log_weights: (N,).
+    """
 
     on: OnFloor
     xy: Floats
     bias_rad: Floats
     scale: Floats
+    error: Floats
     log_weights: Floats
+    fixed_ns: int
     heading_rad: float | None = None
     speed_mps: float = 0.0
-    fixed_ns: int | None = None
-    walked: bool = False
+    motion: BiasPrior | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BiasPrior:
+    """What motion said of its own biases: standard deviations, and whether there is a compass."""
+
+    heading_rad: float
+    scale: float
+    compass: bool
 
 
 class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
     """Particle filter over position, heading bias and step scale, with walls."""
 
     name = "fusion-pf"
-    source = "[jiang2015] sections 6–7, eqs. (16)–(19)"
+    source = "[jiang2015] sections 6–7, eqs. (16)–(19); [bryson1968]; [lenser2000]"
     Params = FusionPfParams
     State = Particles
 
     def begin(self, fix: Fix, rng: Rng) -> Particles:
         """Scatter the particles around the fix; their biases come with the first motion."""
         n = self.params.particles
-        zeros = frozen(np.zeros(n))
         xy = self._around(fix, n, rng)
-        return Particles(OnFloor(fix.floor), frozen(xy), zeros, zeros, zeros, fixed_ns=fix.t_ns)
+        error = (fix.xy - xy) / self.params.sigma_m(fix)
+        return Particles(OnFloor(fix.floor), xy, np.zeros(n), np.zeros(n), error, np.zeros(n), fix.t_ns)
 
     def predict(self, state: Particles, motion: Motion, rng: Rng) -> Particles:
         """Walk every particle, [jiang2015] eq. (16), and let walls take their toll."""
         n = len(state.xy)
         dt = (motion.t1_ns - motion.t0_ns) * 1e-9
-        bias, scale, log_weights = state.bias_rad, state.scale, state.log_weights
-        if not state.walked:
-            bias, scale = self._biases(motion, n, rng)
+        bias, scale, prior = state.bias_rad, state.scale, state.motion
+        if prior is None:
+            prior = BiasPrior(
+                motion.heading_bias_sigma_rad, motion.distance_scale_sigma, compass=motion.heading_rad is not None
+            )
+            bias, scale = _biases(prior, n, rng)
+        # Without compass the biases begin all around, and turns are all there is to follow.
+        heading = motion.heading_rad
+        if heading is None:
+            heading = float(wrap_rad((state.heading_rad or 0.0) + motion.turn_rad))
+        if motion.turn_bias_sigma_rad:
+            bias = bias + motion.turn_bias_sigma_rad * rng.standard_normal(n)
         move = self.params.diffusion_m * math.sqrt(dt) * rng.standard_normal((n, 2))
-        heading = state.heading_rad
-        if motion.heading_rad is not None or motion.turn_rad or motion.distance_m or motion.distance_sigma_m:
-            if motion.turn_bias_sigma_rad:
-                bias = bias + motion.turn_bias_sigma_rad * rng.standard_normal(n)
-            # Without compass the particles' biases begin all around, and turns are all there is to follow.
-            heading = motion.heading_rad
-            if heading is None:
-                heading = float(wrap_rad((state.heading_rad or 0.0) + motion.turn_rad))
         if motion.distance_m or motion.distance_sigma_m:
             distance = motion.distance_m * (1.0 + scale) + motion.distance_sigma_m * rng.standard_normal(n)
-            direction = (heading or 0.0) + bias + motion.heading_sigma_rad * rng.standard_normal(n)
-            move[:, 0] += distance * np.sin(direction)
-            move[:, 1] += distance * np.cos(direction)
+            move += displacement(distance, heading + bias + motion.heading_sigma_rad * rng.standard_normal(n))
         xy = state.xy + move
-        floor_map = self.context.maps.get(state.on.floor)
-        if floor_map is not None and self.params.crossing_weight < 1.0:
-            crossed = floor_map.crosses(state.xy, xy)
-            if crossed.any():
-                log_weights = log_weights + math.log(self.params.crossing_weight) * crossed
         moved = replace(
             state,
             xy=xy,
             bias_rad=bias,
             scale=scale,
-            log_weights=log_weights,
+            log_weights=state.log_weights + self._toll(state, xy, motion),
             heading_rad=heading,
             speed_mps=motion.distance_m / dt,
-            walked=True,
+            motion=prior,
         )
         return self._resampled(moved, rng)
 
     def update(self, state: Particles, fix: Fix, rng: Rng) -> tuple[Particles, Report]:
-        """Weigh the particles by the fix, [jiang2015] eqs. (18)–(19) with Student's t for the Gaussian."""
+        """Weigh the particles by the fix, [jiang2015] eqs. (18)–(19): Student's t for what is new in its error."""
         on = state.on.observe(fix.floor)
         if on.floor != state.on.floor:
             return self.begin(fix, rng), Report(used=1, reasons=("changed floor",))
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
-        renewed = self._renewed(state, fix, rng)
-        covariance = independent_covariance(fix, state.fixed_ns, self.params.correlation_s)
-        off = renewed.xy - fix.xy
-        squares = np.einsum("ni,ij,nj->n", off, np.linalg.inv(covariance), off)
-        nu = self.params.freedom
-        log_weights = renewed.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
-        mean = normalised(state.log_weights) @ state.xy
-        report = Report(used=1, innovation_m=float(np.hypot(*(fix.xy - mean))))
-        weighed = replace(renewed, on=on, log_weights=log_weights, fixed_ns=fix.t_ns)
-        return self._resampled(weighed, rng), report
+        nu, rho = self.params.freedom, self.params.correlation(fix, state.fixed_ns)
+        error = (fix.xy - state.xy) / self.params.sigma_m(fix)
+        squares = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
+        log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
+        innovation_m = float(np.hypot(*(fix.xy - normalised(state.log_weights) @ state.xy)))
+        weighed = replace(state, on=on, error=error, log_weights=log_weights, fixed_ns=fix.t_ns)
+        return self._resampled(self._renewed(weighed, fix, rng), rng), Report(used=1, innovation_m=innovation_m)
 
     def estimate(self, state: Particles) -> Belief:
-        """Say mean and covariance of the particles."""
+        """Say where the particles are, and how far around."""
         weights = normalised(state.log_weights)
-        mean = weights @ state.xy
-        off = state.xy - mean
+        centre: Floats = weights @ state.xy
+        if self.params.centre == "median":
+            centre = spatial_median(state.xy, weights, centre)
+        off = state.xy - centre
         heading = None
-        if state.heading_rad is not None and state.walked:
-            turned = np.array([weights @ np.sin(state.bias_rad), weights @ np.cos(state.bias_rad)])
-            heading = float(wrap_rad(state.heading_rad + math.atan2(*turned)))
+        if state.heading_rad is not None:
+            turned = math.atan2(weights @ np.sin(state.bias_rad), weights @ np.cos(state.bias_rad))
+            heading = float(wrap_rad(state.heading_rad + turned))
         return Belief(
             floor=state.on.floor,
-            xy=mean,
+            xy=centre,
             covariance=(weights[:, None] * off).T @ off,
             speed_mps=state.speed_mps,
             heading_rad=heading,
         )
 
     def _around(self, fix: Fix, n: int, rng: Rng) -> Floats:
-        """Draw n places from the fix's Gaussian, those preferred where one can stand."""
+        """Draw n places around the fix, those preferred where one can stand."""
         floor_map = self.context.maps.get(fix.floor)
         drawn = n if floor_map is None else _TRIES * n
-        xy = fix.xy + rng.standard_normal((drawn, 2)) @ np.linalg.cholesky(fix.covariance).T
+        xy = fix.xy + self.params.sigma_m(fix) * rng.standard_normal((drawn, 2))
         if floor_map is None:
             return xy
         free = xy[floor_map.contains(xy)]
-        if len(free) == 0:
-            return floor_map.nearest_free(xy[:n])
-        return free[np.arange(n) % len(free)]
+        return free[np.arange(n) % len(free)] if len(free) else floor_map.nearest_free(xy[:n])
 
-    @staticmethod
-    def _biases(motion: Motion, n: int, rng: Rng) -> tuple[Floats, Floats]:
-        sigma_rad = motion.heading_bias_sigma_rad
-        compass = motion.heading_rad is not None and sigma_rad < np.pi
-        bias = sigma_rad * rng.standard_normal(n) if compass else rng.uniform(-np.pi, np.pi, n)
-        return bias, motion.distance_scale_sigma * rng.standard_normal(n)
+    def _toll(self, state: Particles, xy: Floats, motion: Motion) -> Floats | float:
+        """Return the logarithm of the weight that the map leaves to each particle: (N,), or 0 without a map."""
+        floor_map = self.context.maps.get(state.on.floor)
+        if floor_map is None:
+            return 0.0
+        toll: Floats = math.log(self.params.crossing_weight) * floor_map.crosses(state.xy, xy)
+        if motion.steps:
+            toll = toll + motion.steps * math.log(self.params.outside_weight) * ~floor_map.contains(xy)
+        return toll
 
     def _renewed(self, state: Particles, fix: Fix, rng: Rng) -> Particles:
-        """Let a random few begin anew at the fix, with the weight of the middling particle."""
-        n = round(self.params.renewed * len(state.xy))
-        if n == 0:
+        """Let a random few begin anew at the fix, each with the weight of an average particle."""
+        sigma_m = self.params.sigma_m(fix)
+        share = self.params.renewed * min(1.0, (self.params.renewed_sigma_m / sigma_m) ** 2)
+        n = round(share * len(state.xy))
+        if n == 0 or state.motion is None:
             return state
         those = rng.choice(len(state.xy), n, replace=False)
-        xy, log_weights = state.xy.copy(), state.log_weights.copy()
+        highest = float(state.log_weights.max())
+        average = highest + math.log(float(np.exp(state.log_weights - highest).mean()))
+        xy, error, log_weights = state.xy.copy(), state.error.copy(), state.log_weights.copy()
+        bias, scale = state.bias_rad.copy(), state.scale.copy()
         xy[those] = self._around(fix, n, rng)
-        log_weights[those] = np.median(state.log_weights)
-        return replace(state, xy=xy, log_weights=log_weights)
+        error[those] = (fix.xy - xy[those]) / sigma_m
+        bias[those], scale[those] = _biases(state.motion, n, rng)
+        log_weights[those] = average
+        return replace(state, xy=xy, bias_rad=bias, scale=scale, error=error, log_weights=log_weights)
 
     def _resampled(self, state: Particles, rng: Rng) -> Particles:
         weights = normalised(state.log_weights)
@@ -188,5 +227,12 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             xy=state.xy[drawn],
             bias_rad=state.bias_rad[drawn],
             scale=state.scale[drawn],
+            error=state.error[drawn],
             log_weights=np.zeros(len(drawn)),
         )
+
+
+def _biases(prior: BiasPrior, n: int, rng: Rng) -> tuple[Floats, Floats]:
+    """Draw biases (n,) of the heading and of the length of steps."""
+    bias = prior.heading_rad * rng.standard_normal(n) if prior.compass else rng.uniform(-math.pi, math.pi, n)
+    return bias, prior.scale * rng.standard_normal(n)

@@ -1,12 +1,13 @@
 """Filter ``kalman``: an extended Kalman filter that dead reckoning drives and fixes correct.
 
-State m = [x, y, b, s]: position, the bias of the heading and the relative error of the step length; both biases belong
-to the walk and are learnt from its fixes. With a tick's way d at heading θ:
+State m = [x, y, b, s, u, v]: position, the bias of the heading, the relative error of the step length, and what the
+errors of fixes along x and y have in common with the last ones (:mod:`tickfix_filters.noise`). With a tick's way d at
+heading θ:
 
-    x ← x + d(1 + s)·sin(θ + b)        y ← y + d(1 + s)·cos(θ + b)
+    x ← x + d(1 + s)·sin(θ + b)        y ← y + d(1 + s)·cos(θ + b)        fix = [x, y] + σ·[u, v] + white
 
-Equations of the filter: [sun2013] eqs. (9)–(11). A fix that is unlikely is not gated but believed less: its covariance
-grows as that of Student's t with ν degrees of freedom would, so that no run of bad fixes can lock the filter out.
+Equations of the filter: [sun2013] eqs. (9)–(11), (16) and (17). A fix that is unlikely is not gated but believed less:
+the innovation's covariance grows as that of Student's t would, so that no run of bad fixes can lock the filter out.
 """
 
 from __future__ import annotations
@@ -19,75 +20,71 @@ import numpy as np
 
 from tickfix.api import Belief, Fix, Floats, Motion, PredictUpdateFilter, Report, Rng, frozen, parameter
 from tickfix_filters.floors import OnFloor
-from tickfix_filters.noise import independent_covariance
-
-_H = np.eye(2, 4)
+from tickfix_filters.noise import FixErrorParams
 
 
 @dataclass(frozen=True)
-class KalmanParams:
+class KalmanParams(FixErrorParams):
     """Parameters of ``kalman``."""
 
     diffusion_m: Annotated[
         float, parameter("way per square root of a second that no step explains", unit="m/√s", ge=0)
     ] = 0.1
-    correlation_s: Annotated[float, parameter("time over which errors of fixes are alike", unit="s", ge=0)] = 6.0
-    freedom: Annotated[float, parameter("degrees of freedom ν of the errors of fixes; large: Gaussian", gt=0)] = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class Gaussian:
-    """Mean m (4,) and covariance P (4, 4) of [x, y, b, s] in m, m, rad, 1."""
+    """Mean m (6,) and covariance P (6, 6) of [x, y, b, s, u, v] in m, m, rad, 1, 1, 1."""
 
     on: OnFloor
     m: Floats
     p: Floats
     heading_rad: float | None = None
     speed_mps: float = 0.0
-    fixed_ns: int | None = None
     walked: bool = False
 
 
 class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
-    """Extended Kalman filter over position, heading bias and step scale."""
+    """Extended Kalman filter over position, heading bias, step scale and the memory of fixes' errors."""
 
     name = "kalman"
-    source = "[sun2013] eqs. (9)–(11), (16)–(17)"
+    source = "[sun2013] eqs. (9)–(11), (16)–(17); [bryson1968] for the errors' memory"
     Params = KalmanParams
     State = Gaussian
 
     def begin(self, fix: Fix, rng: Rng) -> Gaussian:  # noqa: ARG002
         """Start at the fix; the biases' uncertainty comes with the first motion."""
-        p = np.zeros((4, 4))
-        p[:2, :2] = fix.covariance
-        return Gaussian(OnFloor(fix.floor), frozen([*fix.xy, 0.0, 0.0]), frozen(p), fixed_ns=fix.t_ns)
+        sigma, remembered = self.params.sigma_m(fix), self.params.remembered
+        p = np.diag([sigma**2, sigma**2, 0.0, 0.0, remembered, remembered])
+        p[[0, 1, 4, 5], [4, 5, 0, 1]] = -sigma * remembered  # the place is off by what the fix erred, the other way
+        return Gaussian(OnFloor(fix.floor), frozen([*fix.xy, 0.0, 0.0, 0.0, 0.0]), frozen(p))
 
     def predict(self, state: Gaussian, motion: Motion, rng: Rng) -> Gaussian:  # noqa: ARG002
         """Walk the motion; [sun2013] eqs. (9) and (16)."""
-        m, p = state.m, np.array(state.p)
+        m, p = np.array(state.m), np.array(state.p)
         if not state.walked:
             p[2, 2], p[3, 3] = motion.heading_bias_sigma_rad**2, motion.distance_scale_sigma**2
         dt = (motion.t1_ns - motion.t0_ns) * 1e-9
         d = motion.distance_m * (1.0 + m[3])
-        q = np.zeros((4, 4))
-        q[:2, :2] = self.params.diffusion_m**2 * dt * np.eye(2)
+        rho = math.exp(-dt / self.params.correlation_s)
+        f, q = np.diag([1.0, 1.0, 1.0, 1.0, rho, rho]), np.zeros((6, 6))
+        q[[0, 1], [0, 1]] = self.params.diffusion_m**2 * dt
         q[2, 2] = motion.turn_bias_sigma_rad**2
+        q[[4, 5], [4, 5]] = (1.0 - rho**2) * self.params.remembered
+        heading = None
         if motion.heading_rad is None:  # somewhere on a circle of radius d: mean zero, d²/2 per axis
-            q[:2, :2] += 0.5 * (d**2 + motion.distance_sigma_m**2) * np.eye(2)
-            f, heading = np.eye(4), None
+            q[[0, 1], [0, 1]] += 0.5 * (d**2 + motion.distance_sigma_m**2)
         else:
             heading = motion.heading_rad + float(m[2])
-            u = np.array([math.sin(heading), math.cos(heading)])
-            v = np.array([u[1], -u[0]])
-            f = np.eye(4)
-            f[:2, 2], f[:2, 3] = d * v, motion.distance_m * u
-            q[:2, :2] += motion.distance_sigma_m**2 * np.outer(u, u)
-            q[:2, :2] += (d * motion.heading_sigma_rad) ** 2 * np.outer(v, v)
-            m = m + np.array([*(d * u), 0.0, 0.0])
+            along = np.array([math.sin(heading), math.cos(heading)])
+            across = np.array([along[1], -along[0]])
+            f[:2, 2], f[:2, 3] = d * across, motion.distance_m * along
+            q[:2, :2] += motion.distance_sigma_m**2 * np.outer(along, along)
+            q[:2, :2] += (d * motion.heading_sigma_rad) ** 2 * np.outer(across, across)
+            m[:2] += d * along
+        m[4:] *= rho
         p = f @ p @ f.T + q  # eq. (16)
-        return replace(
-            state, m=frozen(m), p=frozen(0.5 * (p + p.T)), heading_rad=heading, speed_mps=d / dt, walked=True
-        )
+        return replace(state, m=frozen(m), p=_symmetric(p), heading_rad=heading, speed_mps=d / dt, walked=True)
 
     def update(self, state: Gaussian, fix: Fix, rng: Rng) -> tuple[Gaussian, Report]:
         """Correct by the fix; [sun2013] eqs. (10), (11) and (17)."""
@@ -96,18 +93,19 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
             return self.begin(fix, rng), Report(used=1, reasons=("changed floor",))
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
-        r = independent_covariance(fix, state.fixed_ns, self.params.correlation_s)
-        y = fix.xy - state.m[:2]
-        s = state.p[:2, :2] + r
+        sigma, nu = self.params.sigma_m(fix), self.params.freedom
+        h = np.zeros((2, 6))
+        h[[0, 1], [0, 1]], h[[0, 1], [4, 5]] = 1.0, sigma
+        r = (1.0 - self.params.remembered) * sigma**2 * np.eye(2)
+        y = fix.xy - h @ state.m
+        s = h @ state.p @ h.T + r
         nis = float(y @ np.linalg.solve(s, y))
-        s = s + max(0.0, (self.params.freedom + nis) / (self.params.freedom + 2.0) - 1.0) * r
-        k = np.linalg.solve(s, state.p[:2]).T  # eq. (11): K = P Hᵀ S⁻¹
+        s *= max(1.0, (nu + nis) / (nu + 2.0))
+        k = np.linalg.solve(s, h @ state.p).T  # eq. (11): K = P Hᵀ S⁻¹
         m = state.m + k @ y  # eq. (17)
-        a = np.eye(4) - k @ _H
-        r_used = s - state.p[:2, :2]
-        p = a @ state.p @ a.T + k @ r_used @ k.T  # eq. (10) in Joseph's form, which stays positive
+        p = state.p - k @ s @ k.T  # eq. (10)
         report = Report(used=1, innovation_m=float(np.hypot(*y)), gate=nis)
-        return replace(state, on=on, m=frozen(m), p=frozen(0.5 * (p + p.T)), fixed_ns=fix.t_ns), report
+        return replace(state, on=on, m=frozen(m), p=_symmetric(p)), report
 
     def estimate(self, state: Gaussian) -> Belief:
         """Say the mean and its covariance."""
@@ -118,3 +116,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
             speed_mps=state.speed_mps,
             heading_rad=state.heading_rad,
         )
+
+
+def _symmetric(p: Floats) -> Floats:
+    return frozen(0.5 * (p + p.T))

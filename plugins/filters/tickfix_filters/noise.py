@@ -1,30 +1,44 @@
-"""What a fix is worth when the one before it erred alike.
+"""How the errors of fixes behave: with heavy tails, and with a memory.
 
-Errors of successive fixes are correlated: the phone has hardly moved, the walls and the crowd are the same. Taken as a
-first-order Gauss–Markov process with correlation ρ between two fixes, a run of them is worth as much as independent
-fixes whose covariance is (1 + ρ)/(1 − ρ) times larger.
+A fix errs because the map of signals was learnt with other bodies, doors and crowds around; a few seconds later and a
+few metres further, most of that is still so. The normalised error u = (fix − place)/σ is therefore modelled as a
+stationary first-order Gauss–Markov process plus a white part: its correlation over a time Δt is
+
+    ρ(Δt) = remembered · exp(−Δt / correlation_s)
+
+Taking errors as independent makes a filter believe ten fixes from one corner more than one; modelling their
+correlation is the measurement differencing of [bryson1968] Bryson and Henrikson, "Estimation using sampled data
+containing sequentially correlated noise", J. Spacecraft and Rockets 5 (1968).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from dataclasses import dataclass
+from typing import Annotated
 
-from tickfix.api import Fix, Floats
+import numpy as np
 
-_MOST: Final = 25.0
+from tickfix.api import Fix, parameter
 
 
-def independent_covariance(fix: Fix, previous_ns: int | None, correlation_s: float) -> Floats:
-    """Return the covariance (2, 2), m², that lets ``fix`` be used as if its error were independent.
+@dataclass(frozen=True)
+class FixErrorParams:
+    """Parameters of the model, shared by the filters that use fixes."""
 
-    Args:
-        fix: the fix.
-        previous_ns: when the last one was used, None for the first.
-        correlation_s: time after which the correlation of errors has fallen to 1/e; 0 when they are independent.
-    """
-    if previous_ns is None or correlation_s <= 0.0:
-        return fix.covariance
-    rho = math.exp(-abs(fix.t_ns - previous_ns) * 1e-9 / correlation_s)
-    inflation = min(_MOST, (1.0 + rho) / max(1.0 - rho, 1e-9))
-    return inflation * fix.covariance
+    correlation_s: Annotated[float, parameter("time over which errors of fixes are alike", unit="s", gt=0)] = 8.0
+    remembered: Annotated[float, parameter("share of the error's variance that has a memory", ge=0, lt=1)] = 0.8
+    freedom: Annotated[float, parameter("degrees of freedom ν of Student's t for the errors", gt=0)] = 4.0
+    most_m: Annotated[float, parameter("σ of a fix is taken as no more than this per axis", unit="m", gt=0)] = 8.0
+
+    def correlation(self, fix: Fix, previous_ns: int) -> float:
+        """Return ρ between the errors of ``fix`` and of the one at ``previous_ns``."""
+        return self.remembered * math.exp(-abs(fix.t_ns - previous_ns) * 1e-9 / self.correlation_s)
+
+    def sigma_m(self, fix: Fix) -> float:
+        """Return σ of ``fix``, metres per axis.
+
+        It is bounded: a fix so poor that its σ exceeds the bound is better outweighed by its own rarity than believed
+        to have come from anywhere in the building.
+        """
+        return min(self.most_m, math.sqrt(0.5 * float(np.trace(fix.covariance))))

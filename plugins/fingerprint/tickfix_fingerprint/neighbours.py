@@ -37,8 +37,8 @@ _SMALLEST: Final = 1e-6
 class NeighbourParams:
     """Parameters that every nearest-neighbour fingerprint has."""
 
-    k: Annotated[int, parameter("neighbours averaged", ge=1, trains=True)] = 4
-    max_age_s: Annotated[float, parameter("greatest age of a reading", unit="s", gt=0, trains=True)] = 5.0
+    k: Annotated[int, parameter("neighbours averaged", ge=1, trains=True)] = 5
+    max_age_s: Annotated[float, parameter("greatest age of a reading", unit="s", gt=0, trains=True)] = 3.0
     missing_dbm: Annotated[
         float, parameter("stands for a transmitter that is not heard", unit="dBm", lt=0, trains=True)
     ] = -100.0

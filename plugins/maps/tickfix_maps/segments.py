@@ -31,13 +31,15 @@ class SegmentIndex:
         segments = segments[np.hypot(*(segments[:, 1] - segments[:, 0]).T) > 0]
         self.segments = frozen(segments)
         self._width = self._height = 0
+        self.centres = frozen(np.zeros((0, 2)))
         if len(segments) == 0:
             return
         corners = segments.reshape(-1, 2)
         self._origin = corners.min(axis=0) - _MARGIN_M
         self._width, self._height = np.ceil((corners.max(axis=0) + _MARGIN_M - self._origin) / _CELL_M).astype(int)
         rows, columns = np.divmod(np.arange(self._width * self._height), self._width)
-        centres = self._origin + _CELL_M * (np.stack([columns, rows], axis=1) + 0.5)
+        centres: Floats = self._origin + _CELL_M * (np.stack([columns, rows], axis=1) + 0.5)
+        self.centres = frozen(centres)
         tree = shapely.STRtree(shapely.linestrings(segments))
         # A piece is at most 2·reach long and its middle lies in the cell.
         reach_m = _REACH_M + _CELL_M * np.sqrt(0.5)
@@ -71,6 +73,19 @@ class SegmentIndex:
             shares.append(float((start[0] * wall[1] - start[1] * wall[0]) / across) if across != 0 else 0.0)
         return min(shares)
 
+    @property
+    def uniform(self) -> Bools:
+        """(cells,) bool: no segment comes into the cell, so that what holds at its centre holds in all of it."""
+        return self._nearest > _CELL_M * np.sqrt(0.5) if len(self.centres) else np.zeros(0, dtype=np.bool_)
+
+    def cells(self, xy: Floats) -> tuple[Ints, Bools]:
+        """Return for each point (n, 2) the number of its cell, and whether it has one: outside the grid it is 0."""
+        if len(self.centres) == 0:
+            return np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.bool_)
+        column, row = np.floor((xy - self._origin) / _CELL_M).astype(np.int64).T
+        inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
+        return np.where(inside, row * self._width + column, 0), inside
+
     def _crossings(self, a: Floats, b: Floats) -> tuple[Ints, Ints]:
         """Return for every pair that meets: index of the move and of the segment."""
         none = np.zeros(0, dtype=np.int64)
@@ -85,12 +100,9 @@ class SegmentIndex:
             middle = a[move] + ((number + 0.5) / pieces[move])[:, None] * (b[move] - a[move])
         else:
             middle = 0.5 * (a + b)
-        place = (middle - self._origin) / _CELL_M
-        column, row = np.floor(place).astype(np.int64).T
-        inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
-        cell = np.where(inside, row * self._width + column, 0)
+        cell, inside = self.cells(middle)
         # From the cell's centre, a piece reaches no further than to its middle and then half its length.
-        reach = _CELL_M * np.hypot(place[:, 0] - column - 0.5, place[:, 1] - row - 0.5)
+        reach = np.hypot(*(middle - self.centres[cell]).T)
         reach += 0.5 * lengths[move] / pieces[move] + _ROUNDING_M
         close = np.flatnonzero(inside & (self._nearest[cell] <= reach))
         if len(close) == 0:

@@ -40,7 +40,11 @@ class Walls(BaseMap[WallsParams]):
         """Tell for each point (n, 2) whether one can stand there."""
         if self._walkable is None:
             return np.ones(len(xy), dtype=np.bool_)
-        inside: Bools = shapely.contains_xy(self._walkable, xy)
+        cell, known = self._index.cells(xy)
+        uniform, free = self._cells
+        inside: Bools = known & free[cell] if len(free) else np.zeros(len(xy), dtype=np.bool_)
+        unsure = np.flatnonzero(known & ~uniform[cell]) if len(free) else np.arange(len(xy))
+        inside[unsure] = shapely.contains_xy(self._walkable, xy[unsure])
         return inside
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
@@ -67,6 +71,11 @@ class Walls(BaseMap[WallsParams]):
             xy = previous + max(0.0, share) * way
         free: Floats = self.nearest_free(xy[None])[0]
         return free
+
+    @cached_property
+    def _cells(self) -> tuple[Bools, Bools]:
+        """Which cells of the index no wall comes into, and which of all have their centre where one can stand."""
+        return self._index.uniform, shapely.contains_xy(self._walkable, self._index.centres)
 
     @cached_property
     def _walkable(self) -> Any:

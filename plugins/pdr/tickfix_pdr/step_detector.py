@@ -1,9 +1,9 @@
 """Finding steps in the length of the acceleration, sample by sample and causally.
 
 The length |a| does not depend on how the phone is held. Less its slow mean (gravity) and smoothed by two poles, it
-rises and falls once a step. A step is a peak followed by a valley, both by hysteresis rather than by a window, so that it is
-reported as soon as it is certain. The way it spans gives the step's length: [weinberg2002] Weinberg, "Using the ADXL202
-in pedometer and personal navigation applications", Analog Devices AN-602.
+rises and falls once a step. A step is a peak followed by a valley, both by hysteresis rather than by a window, so that
+it is reported as soon as it is certain. The way it spans gives the step's length: [weinberg2002] Weinberg, "Using the
+ADXL202 in pedometer and personal navigation applications", Analog Devices AN-602.
 """
 
 from __future__ import annotations
