@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from tickfix.api.events import TICK_NS, Event, Fix
-from tickfix.api.values import Estimate, Motion
+from tickfix.api.values import Estimate, Motion, Observation
 from tickfix.kernel.fold import Fold, earliest
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.randomness import Streams
@@ -33,11 +33,13 @@ class Output:
         published: estimates of ticks that closed, revision 0.
         revised: estimates of ticks closed before, after late events.
         settled: the last revision of ticks that nothing can change any more.
+        observations: what the fingerprints saw in those ticks, by the key of their stage.
     """
 
     published: list[Estimate] = field(default_factory=list)
     revised: list[Estimate] = field(default_factory=list)
     settled: list[Estimate] = field(default_factory=list)
+    observations: list[tuple[str, Observation]] = field(default_factory=list)
 
 
 class Epoch:
@@ -182,6 +184,9 @@ class Epoch:
         if tick < start:
             return
         output.settled += self._estimates(start, tick)
+        for key, observed in self._observations.items():
+            for k in range(start, tick + 1):
+                output.observations += [(key, observation) for observation in observed.outputs[k].observations]
         self._settled = tick
         again = min(fold.forget(tick + 1) for fold in self._folds())
         for fold in self._folds():

@@ -83,7 +83,7 @@ class Timeline:
         """Begin with nothing measured."""
         self._horizon_ns = horizon_ns
         self._counts = counts
-        self._clock = DeviceClock(horizon_ns)
+        self._clock = DeviceClock(horizon_ns, _MOTION)
         self._intervals: dict[int, Interval] = {}
         self._scans: list[Scan] = []
         self.first: int | None = None
@@ -205,10 +205,9 @@ class Timeline:
 
     def _insert_in_one_go(self, batch: MotionSamples) -> bool:
         """Insert a batch none of whose samples needs judging one by one; tell whether that was so."""
-        latest_ns, limit_ns = self._clock.latest_ns, self._limit_ns
-        if latest_ns is None or limit_ns is None or self._clock.holds:
+        reach_ns, limit_ns = self._clock.reach_ns, self._limit_ns
+        if reach_ns is None or limit_ns is None or self._clock.holds:
             return False
-        reach_ns = latest_ns + self._clock.jump_ns
         for samples in batch.sensors.values():
             if len(samples) == 0:
                 continue

@@ -154,7 +154,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
         nu, rho = self.params.freedom, self.params.correlation(fix, state.fixed_ns)
         error = (fix.xy - state.xy) / self.params.sigma_m(fix)
-        squares = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
+        squares: Floats = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
         log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
         innovation_m = float(np.hypot(*(fix.xy - normalised(state.log_weights) @ state.xy)))
         weighed = replace(state, on=on, error=error, log_weights=log_weights, fixed_ns=fix.t_ns)
@@ -194,9 +194,9 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         floor_map = self.context.maps.get(state.on.floor)
         if floor_map is None:
             return 0.0
-        toll: Floats = math.log(self.params.crossing_weight) * floor_map.crosses(state.xy, xy)
+        toll = math.log(self.params.crossing_weight) * floor_map.crosses(state.xy, xy).astype(np.float64)
         if motion.steps:
-            toll = toll + motion.steps * math.log(self.params.outside_weight) * ~floor_map.contains(xy)
+            toll += motion.steps * math.log(self.params.outside_weight) * ~floor_map.contains(xy)
         return toll
 
     def _renewed(self, state: Particles, fix: Fix, rng: Rng) -> Particles:

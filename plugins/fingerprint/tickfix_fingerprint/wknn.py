@@ -1,8 +1,8 @@
 """Fingerprint ``wknn``: the weighted mean of the k nearest reference points, with a choice of what is near.
 
-Sources: [bahl2000] for the idea, [torres-sospedra2015] for representations and similarities; a non-linear representation
-is theirs and pays on walked surveys, where weak readings are mostly noise. The cosine does not change with a phone's
-gain, and its errors are less alike from scan to scan than those of the others, which is what a filter lives on.
+Sources: [bahl2000] for the idea, [torres-sospedra2015] for representations and similarities; a non-linear one is
+theirs and pays on walked surveys, where weak readings are mostly noise. Errors of the cosine are less alike from scan
+to scan than those of the others, and that is what a filter lives on.
 """
 
 from __future__ import annotations
