@@ -15,7 +15,6 @@ from tickfix.config import load
 from tickfix.drivers.surveying import survey_walks
 from tickfix.evaluation.run import Wishes, draw_errors, pool, prepare, run_walks
 from tickfix.evaluation.tables import pooled_table
-from tickfix.simulation import demo as simulate
 
 
 def demo(
@@ -27,6 +26,8 @@ def demo(
     pipeline: PipelineNames = None,
 ) -> None:
     """See it work: survey a simulated office, track five people through it with several pipelines, and compare."""
+    from tickfix.simulation import demo as simulate  # noqa: PLC0415 - slow to import, and no other command needs it
+
     began = time.perf_counter()
     found = registry()
     settings = configured(load(config, found), pipeline, seed)

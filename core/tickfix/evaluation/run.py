@@ -17,7 +17,6 @@ from tickfix.drivers.replay import Replayed, known_start, replay
 from tickfix.drivers.surveying import context_of, trainable
 from tickfix.drivers.workers import spread
 from tickfix.evaluation.coverage import Coverage
-from tickfix.evaluation.pictures import draw_cdf, draw_walk
 from tickfix.evaluation.summary import Summary, WalkResult, evaluate_walk, summarise
 from tickfix.evaluation.track import Track
 from tickfix.kernel import KernelSettings, Pipeline
@@ -136,6 +135,8 @@ def pool(runs: Sequence[WalkRun]) -> tuple[Summary, Mapping[str, int]]:
 
 def draw_errors(runs: Sequence[WalkRun], path: Path) -> None:
     """Draw the distribution of the errors at scored waypoints of all walks."""
+    from tickfix.evaluation.pictures import draw_cdf  # noqa: PLC0415 - matplotlib is slow to import
+
     scores = [run.result.score for run in runs]
     names = list(scores[0].pipelines) if scores else []
     errors: dict[str, Floats] = {
@@ -161,6 +162,8 @@ def _in_order(tracks: Mapping[str, Track]) -> tuple[Estimate, ...]:
 
 def _draw(bench: Bench, replayed: Replayed, tracks: Mapping[str, Track], folder: Path) -> None:
     """Draw the walk on each floor it visits, with the fixes of the last pipeline that has a fingerprint."""
+    from tickfix.evaluation.pictures import draw_walk  # noqa: PLC0415 - as above
+
     recording = replayed.recording
     seen = [p.fingerprint.key for p in bench.pipelines if p.fingerprint is not None]
     fixes: Sequence[Fix] = replayed.fixes[seen[-1]] if seen else ()
