@@ -1,0 +1,55 @@
+"""Work spread over processes gives what one process gives."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tickfix.api import ReaderError, TickfixError
+from tickfix.drivers.workers import spread
+
+# In a process of its own: forking belongs into a program with one thread, which a test runner is not.
+SCRIPT = """
+from types import MappingProxyType
+import numpy as np
+from tickfix.api import ConfigError, TickfixError
+from tickfix.drivers.workers import spread
+
+offset = np.arange(3.0)
+
+def work(n):
+    if n < 0:
+        raise ConfigError("here", str(n), "a number ≥ 0")
+    array = offset + n
+    array.flags.writeable = False
+    return MappingProxyType({"array": array, "objects": np.array(["x", None], dtype=object), "n": n})
+
+one, two = (list(spread(work, range(20), processes=p)) for p in (1, 2))
+assert [a["n"] for a in two] == list(range(20))
+for a, b in zip(one, two):
+    assert type(b) is MappingProxyType
+    assert a["array"].tobytes() == b["array"].tobytes() and a["array"].dtype == b["array"].dtype
+    assert not b["array"].flags.writeable
+try:
+    list(spread(work, [1, -5, 2], processes=2))
+except TickfixError as error:
+    print(error)
+"""
+
+
+def test_results_are_in_order_the_same_and_read_only_and_errors_arrive() -> None:
+    command = [sys.executable, "-W", "error", "-c", SCRIPT]
+    done = subprocess.run(command, capture_output=True, check=False, encoding="utf-8", timeout=60)  # noqa: S603
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.strip() == "here: found -5; expected a number ≥ 0"
+
+
+def test_one_process_keeps_the_error_as_it_is() -> None:
+    def fail(item: int) -> int:
+        raise ReaderError(f"no {item}")
+
+    with pytest.raises(ReaderError, match="no 1") as caught:
+        list(spread(fail, [1, 2], processes=1))
+    assert isinstance(caught.value, TickfixError)
