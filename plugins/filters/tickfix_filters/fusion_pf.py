@@ -29,9 +29,11 @@ from tickfix.api import (
     wrap_rad,
 )
 from tickfix_filters.floors import OnFloor
-from tickfix_filters.noise import FixErrorParams
+from tickfix_filters.noise import FixErrorParams, sigma_m
 from tickfix_filters.resampling import effective_number, normalised, spatial_median, systematic
 
+_LOST: Final = 4.0  # surprise above which a belief is in doubt: twice σ per axis, over several fixes
+_LEARN: Final = 0.5
 _TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
@@ -52,9 +54,15 @@ class FusionPfParams(FixErrorParams):
     renewed: Annotated[
         float, parameter("share of the particles that begin anew at a good fix", source="[lenser2000]", ge=0, lt=1)
     ] = 0.03
+    renewed_lost: Annotated[
+        float, parameter("the same while fixes and particles contradict each other", ge=0, lt=1)
+    ] = 0.25
     renewed_sigma_m: Annotated[
         float, parameter("a fix with this σ is good; at a poorer one fewer begin anew", unit="m", gt=0)
     ] = 4.0
+    scatter_m: Annotated[
+        float, parameter("particles begin within no more than this σ around a fix, however poor", unit="m", gt=0)
+    ] = 8.0
     resample_below: Annotated[
         float, parameter("effective share of particles that calls for resampling", gt=0, le=1)
     ] = 0.5
@@ -74,6 +82,9 @@ class Particles:
         bias_rad, scale: (N,) of the heading, and of the length of steps.
         error: (N, 2) of the last fix in multiples of its σ, if the particle is right.
         log_weights: (N,).
+        surprise: running mean of the squared distance between fixes and particles' mean, in σ² per axis; about one when
+            all is well.
+        motion: what motion said of its own biases, None before the first.
     """
 
     on: OnFloor
@@ -85,6 +96,7 @@ class Particles:
     fixed_ns: int
     heading_rad: float | None = None
     speed_mps: float = 0.0
+    surprise: float = 1.0
     motion: BiasPrior | None = None
 
 
@@ -109,7 +121,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         """Scatter the particles around the fix; their biases come with the first motion."""
         n = self.params.particles
         xy = self._around(fix, n, rng)
-        error = (fix.xy - xy) / self.params.sigma_m(fix)
+        error = (fix.xy - xy) / sigma_m(fix)
         return Particles(OnFloor(fix.floor), xy, np.zeros(n), np.zeros(n), error, np.zeros(n), fix.t_ns)
 
     def predict(self, state: Particles, motion: Motion, rng: Rng) -> Particles:
@@ -153,12 +165,14 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
         nu, rho = self.params.freedom, self.params.correlation(fix, state.fixed_ns)
-        error = (fix.xy - state.xy) / self.params.sigma_m(fix)
+        error = (fix.xy - state.xy) / sigma_m(fix)
         squares: Floats = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
         log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
-        innovation_m = float(np.hypot(*(fix.xy - normalised(state.log_weights) @ state.xy)))
-        weighed = replace(state, on=on, error=error, log_weights=log_weights, fixed_ns=fix.t_ns)
-        return self._resampled(self._renewed(weighed, fix, rng), rng), Report(used=1, innovation_m=innovation_m)
+        off = fix.xy - normalised(state.log_weights) @ state.xy
+        surprise = (1.0 - _LEARN) * state.surprise + _LEARN * 0.5 * float(off @ off) / sigma_m(fix) ** 2
+        weighed = replace(state, on=on, error=error, log_weights=log_weights, fixed_ns=fix.t_ns, surprise=surprise)
+        report = Report(used=1, innovation_m=float(np.hypot(*off)), lost=surprise > _LOST)
+        return self._resampled(self._renewed(weighed, fix, rng), rng), report
 
     def estimate(self, state: Particles) -> Belief:
         """Say where the particles are, and how far around."""
@@ -183,7 +197,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         """Draw n places around the fix, those preferred where one can stand."""
         floor_map = self.context.maps.get(fix.floor)
         drawn = n if floor_map is None else _TRIES * n
-        xy = fix.xy + self.params.sigma_m(fix) * rng.standard_normal((drawn, 2))
+        xy = fix.xy + min(sigma_m(fix), self.params.scatter_m) * rng.standard_normal((drawn, 2))
         if floor_map is None:
             return xy
         free = xy[floor_map.contains(xy)]
@@ -201,8 +215,9 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
 
     def _renewed(self, state: Particles, fix: Fix, rng: Rng) -> Particles:
         """Let a random few begin anew at the fix, each with the weight of an average particle."""
-        sigma_m = self.params.sigma_m(fix)
-        share = self.params.renewed * min(1.0, (self.params.renewed_sigma_m / sigma_m) ** 2)
+        sigma = sigma_m(fix)
+        share = self.params.renewed_lost if state.surprise > _LOST else self.params.renewed
+        share *= min(1.0, (self.params.renewed_sigma_m / sigma) ** 2)
         n = round(share * len(state.xy))
         if n == 0 or state.motion is None:
             return state
@@ -212,7 +227,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         xy, error, log_weights = state.xy.copy(), state.error.copy(), state.log_weights.copy()
         bias, scale = state.bias_rad.copy(), state.scale.copy()
         xy[those] = self._around(fix, n, rng)
-        error[those] = (fix.xy - xy[those]) / sigma_m
+        error[those] = (fix.xy - xy[those]) / sigma
         bias[those], scale[those] = _biases(state.motion, n, rng)
         log_weights[those] = average
         return replace(state, xy=xy, bias_rad=bias, scale=scale, error=error, log_weights=log_weights)

@@ -20,7 +20,7 @@ import numpy as np
 
 from tickfix.api import Belief, Fix, Floats, Motion, PredictUpdateFilter, Report, Rng, frozen, parameter
 from tickfix_filters.floors import OnFloor
-from tickfix_filters.noise import FixErrorParams
+from tickfix_filters.noise import FixErrorParams, sigma_m
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
 
     def begin(self, fix: Fix, rng: Rng) -> Gaussian:  # noqa: ARG002
         """Start at the fix; the biases' uncertainty comes with the first motion."""
-        sigma, remembered = self.params.sigma_m(fix), self.params.remembered
+        sigma, remembered = sigma_m(fix), self.params.remembered
         p = np.diag([sigma**2, sigma**2, 0.0, 0.0, remembered, remembered])
         p[[0, 1, 4, 5], [4, 5, 0, 1]] = -sigma * remembered  # the place is off by what the fix erred, the other way
         return Gaussian(OnFloor(fix.floor), frozen([*fix.xy, 0.0, 0.0, 0.0, 0.0]), frozen(p))
@@ -93,7 +93,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
             return self.begin(fix, rng), Report(used=1, reasons=("changed floor",))
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
-        sigma, nu = self.params.sigma_m(fix), self.params.freedom
+        sigma, nu = sigma_m(fix), self.params.freedom
         h = np.zeros((2, 6))
         h[[0, 1], [0, 1]], h[[0, 1], [4, 5]] = 1.0, sigma
         r = (1.0 - self.params.remembered) * sigma**2 * np.eye(2)

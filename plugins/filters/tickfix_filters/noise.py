@@ -29,16 +29,12 @@ class FixErrorParams:
     correlation_s: Annotated[float, parameter("time over which errors of fixes are alike", unit="s", gt=0)] = 8.0
     remembered: Annotated[float, parameter("share of the error's variance that has a memory", ge=0, lt=1)] = 0.8
     freedom: Annotated[float, parameter("degrees of freedom ν of Student's t for the errors", gt=0)] = 4.0
-    most_m: Annotated[float, parameter("σ of a fix is taken as no more than this per axis", unit="m", gt=0)] = 8.0
 
     def correlation(self, fix: Fix, previous_ns: int) -> float:
         """Return ρ between the errors of ``fix`` and of the one at ``previous_ns``."""
         return self.remembered * math.exp(-abs(fix.t_ns - previous_ns) * 1e-9 / self.correlation_s)
 
-    def sigma_m(self, fix: Fix) -> float:
-        """Return σ of ``fix``, metres per axis.
 
-        It is bounded: a fix so poor that its σ exceeds the bound is better outweighed by its own rarity than believed
-        to have come from anywhere in the building.
-        """
-        return min(self.most_m, math.sqrt(0.5 * float(np.trace(fix.covariance))))
+def sigma_m(fix: Fix) -> float:
+    """Return σ of ``fix``, metres per axis."""
+    return math.sqrt(0.5 * float(np.trace(fix.covariance)))
