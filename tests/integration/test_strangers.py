@@ -8,54 +8,9 @@ from pathlib import Path
 
 from stored_floor import Command
 
-GOOD = '''
-from dataclasses import dataclass
-from typing import Annotated
-
-import numpy as np
-
-from tickfix.api import Belief, Fix, Motion, PredictUpdateFilter, Report, Rng, hookimpl, parameter
-
-
-@dataclass(frozen=True)
-class Params:
-    share: Annotated[float, parameter("of the way to a fix", gt=0, le=1)] = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    floor: str
-    xy: np.ndarray
-
-
-class Halfway(PredictUpdateFilter[Params, Place]):
-    """Goes part of the way to every fix."""
-
-    name = "halfway"
-    Params = Params
-    State = Place
-
-    def begin(self, fix: Fix, rng: Rng) -> Place:
-        return Place(fix.floor, fix.xy)
-
-    def predict(self, state: Place, motion: Motion, rng: Rng) -> Place:
-        return state
-
-    def update(self, state: Place, fix: Fix, rng: Rng) -> tuple[Place, Report]:
-        return Place(fix.floor, state.xy + self.params.share * (fix.xy - state.xy)), Report(used=1)
-
-    def estimate(self, state: Place) -> Belief:
-        return Belief(floor=state.floor, xy=state.xy, covariance=np.eye(2))
-
-
-TICKFIX_API = 1
-
-
-@hookimpl
-def tickfix_register():
-    return [Halfway]
-'''
-
+README = Path(__file__).parents[2] / "README.md"
+GOOD = README.read_text("utf-8").split("```python\n")[1].split("```")[0]
+VERSIONED = f"TICKFIX_API = 99\n{GOOD}"
 
 BROKEN = {
     "broken_import": ("import nothing_of_that_name\n" + GOOD, "cannot be imported: ModuleNotFoundError", "uninstall"),
@@ -65,7 +20,7 @@ BROKEN = {
         "Rename it to",
     ),
     "broken_version": (
-        GOOD.replace("TICKFIX_API = 1", "TICKFIX_API = 99"),
+        VERSIONED,
         "asks for tickfix API 99",
         "Upgrade tickfix",
     ),
@@ -81,21 +36,21 @@ BROKEN = {
     ),
 }
 
-CONFIG = '[pipelines.mine]\nfingerprint = "wknn"\nfilter = { use = "halfway", share = 0.7 }\n'
+CONFIG = '[pipelines.mine]\nfingerprint = "wknn"\nfilter = "halfway"\n'
 
 OURS = '[pipelines.ours]\nfingerprint = "wknn"\nfilter = "fixes"\n'
 
 Install = Callable[..., Mapping[str, str]]
 
 
-def test_a_good_one_appears_and_runs_beside_ours(
+def test_the_filter_of_the_readme_appears_and_runs(
     tickfix: Command, site: Path, tmp_path: Path, package: Install
 ) -> None:
     env = package("halfway_filter", GOOD)
     listed = json.loads(tickfix("plugins", "--json", env=env).stdout)
     (mine,) = [entry for entry in listed["plugins"] if entry["name"] == "halfway"]
     assert (mine["distribution"], mine["version"]) == ("halfway_filter", "2.5")
-    assert "Goes part of the way" in tickfix("plugins", "show", "filter:halfway", env=env).stdout
+    assert "Goes half of the way" in tickfix("plugins", "show", "filter:halfway", env=env).stdout
     config = tmp_path / "mine.toml"
     config.write_text(CONFIG, encoding="utf-8")
     done = tickfix("replay", site, "--holdout", "--json", "--config", config, env=env)
@@ -122,7 +77,7 @@ def test_broken_ones_are_named_with_the_fix_and_the_rest_goes_on(tickfix: Comman
 def test_one_that_fails_at_work_is_counted_and_harms_no_other(
     tickfix: Command, site: Path, tmp_path: Path, package: Install
 ) -> None:
-    env = package("halfway_filter", GOOD.replace("return Place(fix.floor, state.xy", "return Place(1 / 0, state.xy"))
+    env = package("halfway_filter", GOOD.replace("(state.xy + fix.xy) / 2", "1 / 0"))
     config = tmp_path / "mine.toml"
     config.write_text(CONFIG + OURS, encoding="utf-8")
     arguments = ("replay", site, "--holdout", "--json", "--config", config)
