@@ -105,8 +105,7 @@ class Timeline:
             verdict = self._clock.judge(item.t_ns, item.stream, self._limit_ns)
             if verdict is Verdict.FOLLOW:
                 self._insert(item)
-                for held in self._clock.caught_up():
-                    self._insert(held.item)
+                self._insert_held(self._clock.caught_up())
             elif verdict is Verdict.STALE:
                 self._counts["stale"] += 1
             else:
@@ -116,8 +115,7 @@ class Timeline:
                 released, anew = self._clock.confirmed(held)
                 if anew:
                     return [h.item for h in released] + items[n + 1 :]
-                for confirmed in released:
-                    self._insert(confirmed.item)
+                self._insert_held(released)
         return []
 
     def finish(self) -> None:
@@ -125,7 +123,7 @@ class Timeline:
         for held in self._clock.remaining():
             latest_ns = self._clock.latest_ns
             if held.ahead and latest_ns is not None and held.t_ns <= latest_ns + LEAP_NS:
-                self._insert(held.item)
+                self._insert_held([held])
             else:
                 self._counts["dropped"] += 1
 
@@ -219,6 +217,15 @@ class Timeline:
             for t_ns, row in zip(samples.t_ns.tolist(), samples.values.tolist(), strict=True):
                 self._insert(Item(t_ns, name, tuple(row)))
         return True
+
+    def _insert_held(self, released: list[Held]) -> None:
+        """Insert what was held, unless a driver has closed the ticks beyond it while it waited."""
+        for held in released:
+            limit_ns = self._limit_ns
+            if limit_ns is not None and held.t_ns < limit_ns:
+                self._counts["stale"] += 1
+            else:
+                self._insert(held.item)
 
     def _insert(self, item: Item) -> None:
         tick = tick_of(item.t_ns)
