@@ -1,7 +1,7 @@
 """One device's past and present within one epoch of its clock: what was measured, in its order, tick by tick.
 
 A timeline is a set. Whatever the order of arrival and however samples were batched, the same measurements make the same
-timeline, and everything that is read from it comes in the order of (time, kind, source, seq, content). One sensor has
+timeline, and everything that is read from it comes in the order of (time, kind, source, content). One sensor has
 one sample per instant: of two that differ, the smaller in lexicographic order stands, so that arrival decides nothing.
 """
 
@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from tickfix.api.arrays import Floats
 from tickfix.api.events import SENSORS, TICK_NS, Event, Fix, MotionSamples, Pressure, Samples, Scan
 from tickfix.api.values import Readings, Window
 from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
@@ -22,7 +23,8 @@ from tickfix.kernel.intake import Outcome
 
 _ACTIVE_NS: Final = 1_000_000_000
 _MOTION: Final = frozenset(SENSORS) - {"pressure"}
-_KEPT_NS: Final = 60_000_000_000
+_WINDOW_NS: Final = 60_000_000_000
+"""The longest window of readings: scans are kept for so long, whatever is refolded."""
 
 Row: TypeAlias = tuple[float, ...]
 
@@ -167,8 +169,8 @@ class Timeline:
         return [] if interval is None else interval.fixes
 
     def window(self, scan: Scan, window: Window) -> Readings:
-        """Return the readings that ``window`` asks for, ending with ``scan``; each reading once."""
-        oldest_ns = scan.t_ns - round(window.seconds * 1e9)
+        """Return the readings that ``window`` asks for, ending with ``scan``: each once, none over a minute old."""
+        oldest_ns = scan.t_ns - round(min(window.seconds * 1e9, _WINDOW_NS))
         end = bisect_right(self._scans, _scan_order(scan), key=_scan_order)
         scans: list[Scan] = []
         for candidate in reversed(self._scans[:end]):
@@ -182,7 +184,7 @@ class Timeline:
         """Drop what no tick from ``tick`` on can need."""
         for old in [k for k in self._intervals if k < tick]:
             del self._intervals[old]
-        oldest_ns = tick * TICK_NS - _KEPT_NS
+        oldest_ns = (tick - 1) * TICK_NS - _WINDOW_NS
         while self._scans and self._scans[0].t_ns < oldest_ns:
             del self._scans[0]
 
@@ -214,8 +216,8 @@ class Timeline:
             if not np.isfinite(samples.values).all():
                 return False
         for name, samples in batch.sensors.items():
-            for t_ns, row in zip(samples.t_ns.tolist(), samples.values.tolist(), strict=True):
-                self._insert(Item(t_ns, name, tuple(row)))
+            for t_ns, row in zip(samples.t_ns.tolist(), _rows(samples.values), strict=True):
+                self._insert(Item(t_ns, name, row))
         return True
 
     def _insert_held(self, released: list[Held]) -> None:
@@ -280,12 +282,12 @@ def explode(event: Event, counts: Counter[str]) -> Iterable[Item]:
         for name, samples in event.sensors.items():
             usable = np.isfinite(samples.values).all(axis=1) & (samples.t_ns >= 0)
             counts["invalid"] += int(len(samples) - usable.sum())
-            rows = zip(samples.t_ns[usable].tolist(), samples.values[usable].tolist(), strict=True)
-            items += [Item(t_ns, name, tuple(row)) for t_ns, row in rows]
+            rows = zip(samples.t_ns[usable].tolist(), _rows(samples.values[usable]), strict=True)
+            items += [Item(t_ns, name, row) for t_ns, row in rows]
         yield from sorted(items)
     elif isinstance(event, Pressure):
         if event.t_ns >= 0 and np.isfinite(event.pressure_hpa):
-            yield Item(event.t_ns, "pressure", (float(event.pressure_hpa),))
+            yield Item(event.t_ns, "pressure", (float(event.pressure_hpa) + 0.0,))
         else:
             counts["invalid"] += 1
     elif isinstance(event, Scan):
@@ -299,25 +301,26 @@ def explode(event: Event, counts: Counter[str]) -> Iterable[Item]:
             event = replace(event, transmitters=heard, rssi_dbm=event.rssi_dbm[usable], heard_ns=event.heard_ns[usable])
         yield Item(event.t_ns, f"scan {event.source}", event)
     elif isinstance(event, Fix):
-        variances = np.diag(event.covariance)
-        if (
-            event.t_ns >= 0
-            and np.isfinite(event.xy).all()
-            and np.isfinite(event.covariance).all()
-            and (variances > 0).all()
-        ):
+        (a, b), (c, d) = event.covariance.tolist()
+        finite = np.isfinite(event.xy).all() and np.isfinite(event.covariance).all()
+        if event.t_ns >= 0 and finite and b == c and a > 0 and a * d - b * c > 0:
             yield Item(event.t_ns, f"fix {event.source}", event)
         else:
             counts["invalid"] += 1
 
 
+def _rows(values: Floats) -> list[Row]:
+    """Return the rows (n, c) as tuples, with no negative zero: it would equal the positive one and differ in bits."""
+    return [tuple(row) for row in (values + 0.0).tolist()]
+
+
 def _scan_order(scan: Scan) -> tuple[Any, ...]:
-    content = (scan.transmitters, scan.rssi_dbm.tobytes(), scan.heard_ns.tobytes())
-    return (scan.t_ns, scan.source, scan.seq, *content)
+    # The number of the message is no part of it: a phone that restarts sends its queue again under new numbers.
+    return (scan.t_ns, scan.source, scan.transmitters, scan.rssi_dbm.tobytes(), scan.heard_ns.tobytes())
 
 
 def _fix_order(fix: Fix) -> tuple[Any, ...]:
-    return (fix.t_ns, fix.source, fix.seq, fix.floor, fix.xy.tobytes(), fix.covariance.tobytes())
+    return (fix.t_ns, fix.source, fix.floor, fix.xy.tobytes(), fix.covariance.tobytes())
 
 
 def _readings(newest: Scan, scans: list[Scan], oldest_ns: int) -> Readings:
