@@ -13,7 +13,7 @@ import numpy as np
 
 from tickfix.api.errors import PluginError
 from tickfix.api.packing import pack, unpack
-from tickfix.api.values import Belief, Motion, Observation, Report
+from tickfix.api.values import Belief, Component, Motion, Observation, Report
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +144,26 @@ def checked_report(report: Any) -> Report:
 
 
 def checked_belief(belief: Any) -> Belief:
-    """Return ``belief`` if it is one, finite, with a symmetric covariance."""
+    """Return ``belief`` if it is one, finite, with covariances that are."""
     if not isinstance(belief, Belief):
         raise TypeError(f"estimate returned {type(belief).__name__}, expected Belief")
-    (x, y), ((a, b), (c, d)) = belief.xy.tolist(), belief.covariance.tolist()
+    _check_gaussian(belief)
+    for component in belief.mixture:
+        _check_gaussian(component)
+    numbers = [p for _, p in belief.floor_probabilities] + [c.weight for c in belief.mixture]
+    numbers += [n for n in (belief.speed_mps, belief.heading_rad) if n is not None]
+    if not all(map(math.isfinite, numbers)):
+        raise FloatingPointError("estimate returned a speed, heading or probability that is not finite")
+    return belief
+
+
+def _check_gaussian(gaussian: Belief | Component) -> None:
+    (x, y), ((a, b), (c, d)) = gaussian.xy.tolist(), gaussian.covariance.tolist()
     if not all(map(math.isfinite, (x, y, a, b, c, d))):
         raise FloatingPointError("estimate returned a belief that is not finite")
-    if a < 0 or d < 0 or abs(b - c) > 1e-6 * (1.0 + abs(b)):
-        raise ValueError("estimate returned a covariance that is not symmetric and positive")
-    return belief
+    # Rounding may leave an ellipse without width a little less than that.
+    if a < 0 or d < 0 or abs(b - c) > 1e-6 * (1.0 + abs(b)) or a * d - b * c < -1e-9 * (1.0 + a * d):
+        raise ValueError("estimate returned a covariance that is not symmetric and positive semi-definite")
 
 
 def has_nan(state: Any) -> bool:
