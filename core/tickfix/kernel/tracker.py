@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
-from tickfix.api.events import TICK_NS, Fix
+from tickfix.api.events import TICK_NS, Fix, Scan
 from tickfix.api.values import Belief, Estimate, Motion, Observation, Prior, Report, Status
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.stages import (
@@ -91,14 +91,21 @@ def observation_step(stage: Stage, timeline: Timeline, call: Caller) -> Observat
         state, observation = result
         return call.state(stage, state), checked_observation(observation)
 
-    def locate(state: Any, scan: Any) -> Any:
+    def locate(state: Any, scan: Scan) -> Any:
         return fingerprint.step(state, timeline.window(scan, fingerprint.window))
+
+    def wants(scan: Scan) -> bool:
+        return scan.source in fingerprint.window.sources
 
     def step(state: Any, tick: int) -> tuple[Any, Observed]:
         observations: list[Observation] = []
         failure: Failure | None = None
         for scan in timeline.scans(tick):
-            if scan.source not in fingerprint.window.sources:
+            wanted = call(stage, bool, wants, scan)
+            if isinstance(wanted, Failure):
+                failure = wanted
+                continue
+            if not wanted:
                 continue
             if state is None:
                 state = call(stage, lambda begun: call.state(stage, begun), fingerprint.start)
