@@ -1,0 +1,115 @@
+"""A device's clock: what it follows, holds and drops."""
+
+from __future__ import annotations
+
+from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
+
+S = 1_000_000_000
+HORIZON = 10 * S
+
+
+def held(t_s: float, stream: str = "motion", *, ahead: bool = True) -> Held:
+    return Held(round(t_s * S), stream, t_s, ahead=ahead)
+
+
+def clock_at(t_s: float, stream: str = "motion") -> DeviceClock:
+    clock = DeviceClock(HORIZON, frozenset({"motion"}))
+    clock.follow(round(t_s * S), stream)
+    return clock
+
+
+def test_the_first_time_is_followed_whatever_it_is() -> None:
+    assert DeviceClock(HORIZON).judge(2**62, "any", None) is Verdict.FOLLOW
+
+
+def test_a_time_is_followed_between_the_limit_and_the_reach() -> None:
+    clock = clock_at(100)
+    assert clock.judge(90 * S, "motion", 90 * S) is Verdict.FOLLOW
+    assert clock.judge(91 * S - 1, "motion", 91 * S) is Verdict.STALE
+    assert clock.judge(105 * S, "motion", 90 * S) is Verdict.FOLLOW
+    assert clock.judge(105 * S + 1, "motion", 90 * S) is Verdict.HOLD_AHEAD
+
+
+def test_a_stream_that_ran_ahead_of_the_limit_and_falls_back_beyond_it_is_held() -> None:
+    assert clock_at(100).judge(80 * S, "motion", 95 * S) is Verdict.HOLD_BEHIND
+
+
+def test_the_reach_is_a_minute_where_no_steady_stream_was_heard_for_as_long() -> None:
+    assert clock_at(100, "scan").reach_ns == 100 * S + LEAP_NS
+    clock = clock_at(100)
+    clock.follow(161 * S, "scan")
+    assert clock.reach_ns == 161 * S + LEAP_NS
+
+
+def test_a_short_horizon_shortens_the_reach() -> None:
+    assert DeviceClock(2 * S).jump_ns == S
+
+
+def test_three_instants_over_half_a_second_confirm_a_gap_with_all_that_waited_before_it() -> None:
+    clock = clock_at(0)
+    clock.hold(held(8.0))
+    clock.follow(2 * S, "motion")
+    for t_s in (30.0, 30.2, 30.4):
+        clock.hold(held(t_s))
+        assert clock.confirmed(held(t_s)) == ([], False)
+    newest = held(30.6)
+    clock.hold(newest)
+    released, anew = clock.confirmed(newest)
+    assert [h.item for h in released] == [8.0, 30.0, 30.2, 30.4, 30.6]
+    assert not anew
+    assert clock.holds == 0
+
+
+def test_three_times_the_same_instant_confirm_nothing() -> None:
+    clock = clock_at(0)
+    for _ in range(3):
+        clock.hold(held(30.0))
+    assert clock.confirmed(held(30.0)) == ([], False)
+
+
+def test_a_new_epoch_takes_two_seconds_of_agreement() -> None:
+    for ahead, base in ((True, 1000.0), (False, 10.0)):
+        clock = clock_at(500)
+        for t_s in (base, base + 0.5, base + 1.9):
+            clock.hold(held(t_s, ahead=ahead))
+            assert clock.confirmed(held(t_s, ahead=ahead)) == ([], False)
+        newest = held(base + 2.0, ahead=ahead)
+        clock.hold(newest)
+        released, anew = clock.confirmed(newest)
+        assert len(released) == 4
+        assert anew
+
+
+def test_a_sample_that_takes_the_clock_further_drops_what_it_contradicts_and_all_votes() -> None:
+    clock = clock_at(100)
+    for one in (held(10, "other", ahead=False), held(1000), held(120), held(120.3)):
+        clock.hold(one)
+    assert clock.follow(101 * S, "motion") == 2
+    clock.hold(held(120.6))
+    assert clock.confirmed(held(120.6)) == ([], False)
+    assert clock.holds == 3
+
+
+def test_a_late_sample_contradicts_its_own_stream_only() -> None:
+    clock = clock_at(100)
+    clock.hold(held(10, "a", ahead=False))
+    clock.hold(held(10, "b", ahead=False))
+    assert clock.follow(99 * S, "a") == 1
+    assert clock.holds == 1
+
+
+def test_what_lies_ahead_is_released_once_it_is_within_reach() -> None:
+    clock = clock_at(0)
+    clock.hold(held(8))
+    clock.hold(held(20))
+    assert clock.caught_up() == []
+    clock.follow(4 * S, "motion")
+    assert [h.item for h in clock.caught_up()] == [8]
+    assert [h.item for h in clock.remaining()] == [20]
+
+
+def test_the_number_of_held_samples_is_bounded() -> None:
+    clock = clock_at(0)
+    dropped = sum(clock.hold(held(1e6 + n * 1e-6)) for n in range(20_003))
+    assert dropped == 3
+    assert clock.holds == 20_000

@@ -1,0 +1,26 @@
+"""Recognising duplicates by their number."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tickfix.kernel.intake import Sequence
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.lists(st.integers(1, 300), max_size=200))
+def test_each_number_is_new_once_in_whatever_order_they_come(numbers: list[int]) -> None:
+    sequence, seen = Sequence(), set[int]()
+    for seq in numbers:
+        assert sequence.is_new(seq) == (seq not in seen)
+        seen.add(seq)
+    assert sequence.missing == max(seen, default=0) - len(seen)
+
+
+def test_what_is_remembered_is_bounded_and_older_numbers_count_as_seen() -> None:
+    sequence = Sequence()
+    assert sequence.is_new(10**15)
+    assert sequence.missing == 4096
+    assert sequence.is_new(10**15 - 4096)
+    assert not sequence.is_new(10**15 - 4097)
