@@ -84,7 +84,10 @@ def motion_step(stage: Stage, timeline: Timeline, call: Caller) -> MotionStep:
 
 
 def observation_step(stage: Stage, timeline: Timeline, call: Caller) -> ObservationStep:
-    """Return the step that folds a tick's scans into observations."""
+    """Return the step that folds a tick's scans into observations.
+
+    A fix counts at the tick that closes its interval. One that describes an instant after its scan waits until then.
+    """
     fingerprint = stage.algorithm
 
     def check(result: Any) -> tuple[Any, Observation]:
@@ -97,8 +100,9 @@ def observation_step(stage: Stage, timeline: Timeline, call: Caller) -> Observat
     def wants(scan: Scan) -> bool:
         return scan.source in fingerprint.window.sources
 
-    def step(state: Any, tick: int) -> tuple[Any, Observed]:
-        observations: list[Observation] = []
+    def step(carried: Any, tick: int) -> tuple[Any, Observed]:
+        state, waiting = carried or (None, ())
+        observations: list[Observation] = list(waiting)
         failure: Failure | None = None
         for scan in timeline.scans(tick):
             wanted = call(stage, bool, wants, scan)
@@ -116,7 +120,9 @@ def observation_step(stage: Stage, timeline: Timeline, call: Caller) -> Observat
             else:
                 state = result[0]
                 observations.append(result[1])
-        return state, Observed(tuple(observations), failure)
+        due = tuple(o for o in observations if o.fix is None or o.fix.t_ns <= tick * TICK_NS)
+        waiting = tuple(o for o in observations if o not in due)
+        return (state, waiting), Observed(due, failure)
 
     return step
 

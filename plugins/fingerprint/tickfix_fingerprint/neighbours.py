@@ -99,9 +99,10 @@ class NearestNeighbours(StatelessFingerprint[P]):
             raise ValueError("the site has no radio map")
         representation, self._similarity = self.comparison(params)
         self._points = ReferencePoints(context.radio_map, representation, params.missing_dbm, use)
-        self._distances, self._sigmas_m = np.ones(1), np.full(1, params.sigma_m)
+        self._distances, self._sigmas_m, self._lead_ns = np.ones(1), np.full(1, params.sigma_m), 0
         if trained is not None:
             self._distances, self._sigmas_m = trained["distance"], trained["sigma_m"]
+            self._lead_ns = round(float(trained["lead_s"]) * 1e9)
 
     @staticmethod
     @abstractmethod
@@ -124,7 +125,8 @@ class NearestNeighbours(StatelessFingerprint[P]):
             return None
         floor, xy, distance = found
         sigma_m = np.exp(np.interp(np.log(distance), np.log(self._distances), np.log(self._sigmas_m)))
-        return Fix(t_ns=window.t_ns, floor=floor, xy=xy, covariance=sigma_m**2 * np.eye(2), source=self.name)
+        t_ns = max(0, window.t_ns + self._lead_ns)
+        return Fix(t_ns=t_ns, floor=floor, xy=xy, covariance=sigma_m**2 * np.eye(2), source=self.name)
 
     def nearest(self, window: Readings) -> tuple[str, Floats, float] | None:
         """Return floor, place (2,) and distance of the nearest point in signal space; None without enough readings.
@@ -145,41 +147,65 @@ class NearestNeighbours(StatelessFingerprint[P]):
 
     @classmethod
     def train(cls, params: P, survey: Survey, rng: Rng) -> Trained:  # noqa: ARG003 - nothing is drawn
-        """Learn how σ of a fix, metres per axis, grows with the distance of its nearest neighbour in signal space.
+        """Learn two things of a fix: which instant it describes, and how far off it is.
 
         Chains of walks are dealt to folds, and each fold's scans are located with the samples of the others only; so
         places that no other walk came near teach what a fix is worth where nobody surveyed.
         """
-        distances: list[float] = []
-        errors_m: list[float] = []
+        rows: list[Floats] = []
         for fold in range(_FOLDS):
             use = survey.radio_map.sample_chain % _FOLDS != fold
             walks = [walk for n, walk in _by_chain(survey) if n % _FOLDS == fold]
             if not walks or not use.any():
                 continue
             method = cls(params, Context(radio_map=survey.radio_map), None, use)
-            for walk in walks:
-                for distance, error_m in method.errors_m(walk):
-                    distances.append(distance)
-                    errors_m.append(error_m)
-        return error_by_distance(np.array(distances), np.array(errors_m), params.sigma_m)
+            rows += [method.errors(walk) for walk in walks]
+        found = np.concatenate([np.zeros((0, 5)), *rows])
+        distance, error, velocity = found[:, 0], found[:, 1:3], found[:, 3:5]
+        lead_s = usual_lead_s(distance, error, velocity)
+        return {"lead_s": np.array(lead_s)} | error_by_distance(
+            distance, np.hypot(*(error - lead_s * velocity).T), params.sigma_m
+        )
 
-    def errors_m(self, walk: SurveyWalk) -> list[tuple[float, float]]:
-        """Return (distance in signal space, error in metres) of the scans between a walk's first and last waypoint."""
+    def errors(self, walk: SurveyWalk) -> Floats:
+        """Return (n, 5) for the scans between a walk's first and last waypoint.
+
+        Columns: distance in signal space; error of the fix at the scan's time, x and y, metres; velocity, x and y, m/s.
+        """
         t_ns = np.array([truth.t_ns for truth in walk.truth], np.float64)
         xy = np.array([truth.xy for truth in walk.truth])
-        pairs = []
+        rows = []
         for scan in walk.scans:
-            if scan.source not in self.window.sources or not t_ns[0] <= scan.t_ns <= t_ns[-1]:
+            if scan.source not in self.window.sources or not t_ns[0] <= scan.t_ns < t_ns[-1]:
                 continue
             found = self.nearest(Readings.of(scan, self.params.max_age_s))
             if found is not None and found[0] == walk.floor:
-                there = [np.interp(scan.t_ns, t_ns, xy[:, axis]) for axis in (0, 1)]
-                pairs.append((found[2], float(np.hypot(*(found[1] - there)))))
-        return pairs
+                leg = int(np.searchsorted(t_ns, scan.t_ns, side="right"))
+                velocity = (xy[leg] - xy[leg - 1]) / ((t_ns[leg] - t_ns[leg - 1]) * 1e-9)
+                place = xy[leg - 1] + velocity * (scan.t_ns - t_ns[leg - 1]) * 1e-9
+                rows.append([found[2], *(found[1] - place), *velocity])
+        return np.array(rows).reshape(-1, 5)
 
 
-def error_by_distance(distances: Floats, errors_m: Floats, otherwise_m: float) -> Trained:
+def usual_lead_s(distances: Floats, errors_m: Floats, velocities_mps: Floats) -> float:
+    """Return how much later than its scan the instant is that a fix usually describes, seconds; often not nought.
+
+    Phones date readings early or late, report old ones again, and surveyors tap late: what of all this does not cancel
+    between survey and use shows as an error along the way, e = τ·v. The better half of the fixes is asked, by least
+    squares: τ = Σ e·v / Σ v·v. Beyond two seconds nothing is believed.
+
+    Args:
+        distances: (n,) of the nearest neighbour in signal space.
+        errors_m, velocities_mps: (n, 2).
+    """
+    if len(distances) < _BINS:
+        return 0.0
+    good = distances <= np.median(distances)
+    e, v = errors_m[good], velocities_mps[good]
+    return float(np.clip((e * v).sum() / max(float((v * v).sum()), 1.0), -2.0, 2.0))
+
+
+def error_by_distance(distances: Floats, errors_m: Floats, otherwise_m: float) -> dict[str, Floats]:
     """Return σ per axis as a rising function of the distance in signal space, tabulated at a few quantiles.
 
     Args:
