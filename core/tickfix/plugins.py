@@ -6,38 +6,20 @@ depend on how things were installed.
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
-import inspect
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from types import MappingProxyType
 from typing import Any, Final
 
 import pluggy
 
 from tickfix.api import hooks
 from tickfix.api.algorithms import KINDS
+from tickfix.api.checks import check_class
 from tickfix.api.errors import PluginError
 
 _OWN: Final = "tickfix"
-_NAME: Final = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
-_STEPS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = MappingProxyType(
-    {
-        "pdr": {"start": (), "step": ("state", "samples")},
-        "fingerprint": {"start": (), "step": ("state", "window")},
-        "filter": {
-            "start": ("prior", "rng"),
-            "step": ("state", "motion", "observations", "rng"),
-            "estimate": ("state",),
-        },
-        "map": {"contains": ("xy",), "crosses": ("a", "b"), "nearest_free": ("xy",), "snap": ("previous", "xy")},
-        "reader": {"recordings": ("path",), "read": ("path",), "floor": ("path",)},
-        "sink": {"write": ("estimate",), "close": ()},
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,30 +107,6 @@ def discover(found: Sequence[EntryPoint] | None = None) -> Registry:
     return Registry(offers.values(), problems)
 
 
-def check_class(cls: Any) -> None:
-    """Check that a class is an algorithm, reader or sink that tickfix can use.
-
-    Raises:
-        ValueError: saying what is wrong and what is expected.
-    """
-    if not isinstance(cls, type):
-        raise ValueError(f"offers {cls!r:.60}, expected a class")  # noqa: TRY004 - one kind of error for all checks
-    kind, name = getattr(cls, "kind", None), getattr(cls, "name", None)
-    if kind not in KINDS:
-        raise ValueError(f"class {cls.__name__} has kind {kind!r}, expected one of {', '.join(KINDS)}")
-    if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise ValueError(f"class {cls.__name__} has name {name!r}, expected lower-case words joined by hyphens")
-    missing = sorted(getattr(cls, "__abstractmethods__", ())) or [m for m in _STEPS[kind] if not hasattr(cls, m)]
-    if missing:
-        raise ValueError(f"class {cls.__name__} does not define {', '.join(missing)}, which a {kind} needs")
-    for method, names in _STEPS[kind].items():
-        _check_signature(cls, method, names)
-    if kind in ("pdr", "fingerprint", "filter", "map"):
-        _check_params(cls)
-    if kind in ("pdr", "fingerprint", "filter") and not dataclasses.is_dataclass(getattr(cls, "State", None)):
-        raise ValueError(f"class {cls.__name__} names no State, expected the frozen dataclass of its states")
-
-
 def _order(point: EntryPoint) -> tuple[bool, str, str]:
     distribution = _distribution(point)[0]
     return (distribution != _OWN, distribution, point.name)
@@ -209,26 +167,3 @@ def _take(cls: Any, point: EntryPoint, offers: dict[tuple[str, str], Offer], pro
         problems.append(Problem(point.name, problem, f"Give {cls.__name__} another name, or uninstall one of the two"))
         return
     offers[key] = Offer(cls.kind, cls.name, cls, point.name, *_distribution(point))
-
-
-def _check_signature(cls: type[Any], method: str, names: tuple[str, ...]) -> None:
-    function: Callable[..., Any] = getattr(cls, method)
-    try:
-        inspect.signature(function).bind(None, *names)
-    except TypeError:
-        found = ", ".join(list(inspect.signature(function).parameters)[1:])
-        wanted = ", ".join(names)
-        raise ValueError(f"{cls.__name__}.{method} takes ({found}), expected ({wanted})") from None
-
-
-def _check_params(cls: type[Any]) -> None:
-    params = getattr(cls, "Params", None)
-    if not (isinstance(params, type) and dataclasses.is_dataclass(params)):
-        raise ValueError(f"class {cls.__name__} has Params {params!r}, expected a frozen dataclass")
-    bare = [
-        f.name
-        for f in dataclasses.fields(params)
-        if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-    ]
-    if bare:
-        raise ValueError(f"{cls.__name__}.Params gives {', '.join(bare)} no default, every parameter needs one")
