@@ -149,7 +149,7 @@ DAMAGES = {
         r"radio_map\.npz: sample_xy: found shape",
     ),
     "index out of range": (
-        lambda f: rewrite(f / "radio_map.npz", point_floor=np.full(3, 9)),
+        lambda f: rewrite(f / "radio_map.npz", point_floor=np.full(len(load(f).radio_map), 9)),
         r"radio_map\.npz: point_floor goes from 9",
     ),
     "tracks apart": (lambda f: rewrite(f / "survey_tracks.npz", xy=np.zeros((1, 2))), r"survey_tracks\.npz: found"),
