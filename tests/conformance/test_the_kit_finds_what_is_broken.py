@@ -202,10 +202,6 @@ def _count(self: Any, moved: Any, state: Any, rng: Any) -> Any:
     return replace(moved, variance=moved.variance + 1e-3 * self.calls)
 
 
-def _append(_: Any, moved: Any, state: Any, rng: Any) -> Any:
-    return replace(moved, xy=moved.xy, floor=moved.floor + 10 * " ")
-
-
 @dataclass
 class Loose:
     floor: str
@@ -274,7 +270,14 @@ BROKEN_FILTERS: dict[str, tuple[type[Any], str, str]] = {
     "changeable state": (_with_state(Loose), "states_are_frozen", "Loose"),
     "state of another type": (changed(Good, State=Listed), "of_the_type_that_the_class_names", "Spot, expected State"),
     "state that cannot be packed": (_with_state(Listed, history=[1]), "survive_packing", "found list"),
-    "state that grows": (predicting(_append), "does_not_grow", "grew from"),
+    "state that grows": (
+        changed(
+            _with_state(Listed),
+            predict=lambda self, state, motion, rng: replace(state, history=(*state.history, *(10 * [0.5]))),
+        ),
+        "does_not_grow",
+        "grew from",
+    ),
     "NaN in the state": (
         predicting(lambda self, moved, state, rng: replace(moved, variance=float("nan"))),
         "states_hold_no_nan",
