@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from tickfix.api import hookimpl
+from tickfix_fingerprint.fncc import Fncc
 from tickfix_fingerprint.knn import Knn
+from tickfix_fingerprint.ncc import Ncc
 from tickfix_fingerprint.wknn import Wknn
 
 TICKFIX_API = 1
@@ -12,4 +14,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer the fingerprints."""
-    return [Knn, Wknn]
+    return [Fncc, Knn, Ncc, Wknn]
