@@ -16,6 +16,7 @@ not change when all its values are shifted by a constant.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -85,8 +86,13 @@ class Blocks:
     def dense(self, block: int) -> Floats:
         """Return **RSS** of one block: (M, N) float64."""
         m, n = self.shape
-        column: Floats = self.by_cell[:, [block]].toarray().reshape(n, m).T
-        return column
+        column, part = np.zeros(n * m), slice(*self._by_block.indptr[block : block + 2])
+        column[self._by_block.indices[part]] = self._by_block.data[part]
+        return column.reshape(n, m).T
+
+    @cached_property
+    def _by_block(self) -> Any:
+        return self.by_cell.tocsc()
 
 
 def online(window: Readings, index: dict[str, int], n: int, missing_dbm: float) -> tuple[Ints, Floats, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tickfix.api import hookimpl
+from tickfix_fingerprint.elm_knn import ElmKnn
 from tickfix_fingerprint.fncc import Fncc
 from tickfix_fingerprint.knn import Knn
 from tickfix_fingerprint.ncc import Ncc
@@ -14,4 +15,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer the fingerprints."""
-    return [Fncc, Knn, Ncc, Wknn]
+    return [ElmKnn, Fncc, Knn, Ncc, Wknn]

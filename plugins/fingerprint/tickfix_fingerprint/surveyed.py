@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 import numpy as np
 
@@ -88,7 +88,7 @@ class SurveyedFingerprint(StatelessFingerprint[P]):
         return Readings.of(walk.scans[n], self.params.max_age_s)
 
     @classmethod
-    def learn(cls, params: P, radio_map: RadioMap, use: Bools, rng: Rng) -> dict[str, Floats]:  # noqa: ARG003
+    def learn(cls, params: P, radio_map: RadioMap, use: Bools, rng: Rng) -> dict[str, Any]:  # noqa: ARG003
         """Return the model that locating itself needs, learnt from the samples ``use`` (S,) bool; most need none."""
         return {}
 
