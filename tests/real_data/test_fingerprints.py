@@ -30,7 +30,7 @@ def test_every_method_beats_the_middle_of_the_site(data_dir: Path, benchmark: Mo
             pytest.skip(f"no {needed} in {data_dir}")
     _, survey, queries = list(benchmark.sets(data_dir))[number]
     centre, *scores = benchmark.compare(survey, queries, 60)
-    assert {"knn", "wknn", "ncc", "fncc", "elm-knn"} <= {score.method for score in scores}
+    assert {"knn", "wknn", "ncc", "fncc", "elm-knn", "topology-knn"} <= {score.method for score in scores}
     for score in scores:
         assert np.isfinite(score.errors_m).all(), score.method
         assert score.without_fix == 0, score.method

@@ -21,6 +21,7 @@ _DIGITS: Final = 9
 class CorrelationParams(SurveyedParams):
     """Parameters of ``ncc`` and ``fncc``."""
 
+    k: Annotated[int, parameter("K, points averaged", source="[sun2013] (3)", ge=1, trains=True)] = 5
     max_age_s: Annotated[float, parameter("greatest age of a reading", unit="s", gt=0, trains=True)] = 5.0
     n: Annotated[
         int, parameter("N, on-line scans, and survey samples of a block", source="[sun2013] (1)", ge=1, trains=True)

@@ -24,6 +24,7 @@ _UNIT_DB = 50.0  # brings the features to about 0…1, where a sigmoid is neithe
 class ElmKnnParams(SurveyedParams):
     """Parameters of ``elm-knn``."""
 
+    k: Annotated[int, parameter("K, points averaged", source="[jiang2015] (20)", ge=1, trains=True)] = 5
     missing_dbm: Annotated[
         float,
         parameter(

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 
-from tickfix.api import Bools, Context, Floats, Ints, RadioMap, Readings, Trained, frozen
+from tickfix.api import Bools, Context, Floats, Ints, RadioMap, Readings, Trained, frozen, parameter
 from tickfix_fingerprint.representation import Representation, represent
 from tickfix_fingerprint.similarity import References, Similarity
 from tickfix_fingerprint.surveyed import SMALLEST, SurveyedFingerprint, SurveyedParams
@@ -17,6 +17,8 @@ from tickfix_fingerprint.surveyed import SMALLEST, SurveyedFingerprint, Surveyed
 @dataclass(frozen=True)
 class NeighbourParams(SurveyedParams):
     """Parameters that every nearest-neighbour fingerprint has."""
+
+    k: Annotated[int, parameter("neighbours averaged", ge=1, trains=True)] = 5
 
 
 P = TypeVar("P", bound=NeighbourParams)

@@ -7,6 +7,7 @@ from tickfix_fingerprint.elm_knn import ElmKnn
 from tickfix_fingerprint.fncc import Fncc
 from tickfix_fingerprint.knn import Knn
 from tickfix_fingerprint.ncc import Ncc
+from tickfix_fingerprint.topology_knn import TopologyKnn
 from tickfix_fingerprint.wknn import Wknn
 
 TICKFIX_API = 1
@@ -15,4 +16,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer the fingerprints."""
-    return [ElmKnn, Fncc, Knn, Ncc, Wknn]
+    return [ElmKnn, Fncc, Knn, Ncc, TopologyKnn, Wknn]

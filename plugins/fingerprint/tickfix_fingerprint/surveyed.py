@@ -34,7 +34,6 @@ SMALLEST: Final = 1e-6
 class SurveyedParams:
     """Parameters that every fingerprint has that finds its points in a survey."""
 
-    k: Annotated[int, parameter("neighbours averaged", ge=1, trains=True)] = 5
     max_age_s: Annotated[float, parameter("greatest age of a reading", unit="s", gt=0, trains=True)] = 3.0
     missing_dbm: Annotated[
         float, parameter("stands for a transmitter that is not heard", unit="dBm", lt=0, trains=True)
