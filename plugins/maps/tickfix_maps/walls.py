@@ -72,6 +72,11 @@ class Walls(BaseMap[WallsParams]):
         free: Floats = self.nearest_free(xy[None])[0]
         return free
 
+    @property
+    def free(self) -> Any:
+        """The area where one can stand with clearance to all walls, a shapely geometry; None without outline."""
+        return None if self._walkable is None else self._inner
+
     @cached_property
     def _cells(self) -> tuple[Bools, Bools]:
         """Which cells of the index no wall comes into, and which of all have their centre where one can stand."""
