@@ -1,4 +1,4 @@
-"""What code may not touch for its results to depend on what was measured only; and that the promises name their tests."""
+"""What code may not touch, that results depend on what was measured only; and that promises name their tests."""
 
 from __future__ import annotations
 

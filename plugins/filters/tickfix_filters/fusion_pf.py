@@ -4,8 +4,9 @@ After [jiang2015] sections 6 and 7: each particle walks every 200 ms, is weighed
 the set is resampled. Beyond the paper, a particle also carries its own bias of the heading and error of the step
 length, which its walk teaches it, and how far the last fix was off if the particle is right: errors of fixes have a
 memory (:mod:`tickfix_filters.noise`). A particle that crosses a wall loses most of its weight, and so does, step by
-step, one that walks where nobody can; not all of it, since plans and rounding err too. A few particles begin anew at every fix, so that a wrong belief never lasts
-(sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting localization", ICRA 2000).
+step, one that walks where nobody can; not all of it, since plans err too. A few particles begin anew at every fix, so
+that a wrong belief never lasts (sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting localization",
+ICRA 2000).
 """
 
 from __future__ import annotations
