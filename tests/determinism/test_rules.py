@@ -41,7 +41,7 @@ def test_kernel_and_algorithms_draw_from_the_generator_they_are_given(path: Path
             assert node.attr == "Generator", f"{path}:{node.lineno}: numpy.random.{node.attr}"
 
 
-@pytest.mark.parametrize("name", ["determinism.md", "architecture.md", "write-a-plugin.md"])
+@pytest.mark.parametrize("name", ["determinism.md", "architecture.md"])
 def test_every_test_and_file_that_a_page_names_exists(name: str) -> None:
     text = (ROOT / "docs" / name).read_text("utf-8")
     for path, test in re.findall(r"`((?:tests|core|plugins|examples)/[\w./-]+)(?:::(\w+))?`", text):
