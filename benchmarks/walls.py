@@ -51,9 +51,7 @@ def main() -> None:
             begun = time.perf_counter()
             method(a, b)
             times[name].append(time.perf_counter() - begun)
-    print(
-        f"{MOVES} moves × {len(segments)} segments, {int(answers[0].sum())} cross; {platform.processor() or platform.machine()}"
-    )
+    print(f"{MOVES} moves × {len(segments)} segments, {int(answers[0].sum())} cross; {platform.machine()}")
     for name, taken in times.items():
         print(f"  {name:16s} {1e6 * statistics.median(taken):9.0f} µs")
 
