@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tickfix.api import hookimpl
+from tickfix_pdr.multi_threshold import MultiThreshold
 from tickfix_pdr.steps import Steps
 
 TICKFIX_API = 1
@@ -11,4 +12,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer dead reckoning."""
-    return [Steps]
+    return [Steps, MultiThreshold]
