@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from tickfix.api import hookimpl
+from tickfix_pdr.gait import Gait
 from tickfix_pdr.multi_threshold import MultiThreshold
+from tickfix_pdr.pseudo_odometry import PseudoOdometry
 from tickfix_pdr.steps import Steps
 
 TICKFIX_API = 1
@@ -12,4 +14,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer dead reckoning."""
-    return [Steps, MultiThreshold]
+    return [Steps, Gait, MultiThreshold, PseudoOdometry]
