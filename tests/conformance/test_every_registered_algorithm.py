@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from tickfix.api import Trained
 from tickfix.plugins import discover
-from tickfix.testing import AlgorithmContract, FilterContract, FingerprintContract, MapContract, PdrContract
+from tickfix.testing import AlgorithmContract, FilterContract, FingerprintContract, MapContract, PdrContract, world
 
 CONTRACTS: dict[str, type[AlgorithmContract]] = {
     "filter": FilterContract,
@@ -17,7 +18,22 @@ CONTRACTS: dict[str, type[AlgorithmContract]] = {
 
 def contract_of(kind: str, cls: type[Any]) -> type[AlgorithmContract]:
     """Return the contract that the author would have written in five lines."""
-    return type(f"Test{cls.__name__}", (CONTRACTS[kind],), {"algorithm": cls, "__module__": __name__})
+    return type(
+        f"Test{cls.__name__}", (CONTRACTS[kind],), {"algorithm": cls, "trained": lesson(cls), "__module__": __name__}
+    )
+
+
+def lesson(cls: type[Any]) -> Trained | None:
+    """Return what the kit's survey teaches an algorithm that cannot do without, None for all others."""
+    if not hasattr(cls, "train"):
+        return None
+    try:
+        cls(cls.Params(), world.context(), None)
+    except ValueError as error:
+        if "survey again" in str(error):
+            trained: Trained = cls.train(cls.Params(), world.survey(), world.rng())
+            return trained
+    return None
 
 
 for _offer in discover().offers:

@@ -55,8 +55,8 @@ class Direction:
 def fold_heading(state: HeadingState, samples: MotionSamples) -> tuple[HeadingState, Direction]:
     """Fold a tick's samples; return the new state and the direction during the tick."""
     dt = (samples.t1_ns - samples.t0_ns) * 1e-9
-    up = _gravity(state.up, samples.sensors.get("accelerometer"), dt)
-    turned, gyroscope_ns = _yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
+    up = fold_gravity(state.up, samples.sensors.get("accelerometer"), dt)
+    turned, gyroscope_ns = fold_yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
     rotation = samples.sensors.get("rotation_vector")
     magnetometer = samples.sensors.get("magnetometer")
     heading, compass_s = state.heading_rad, state.compass_s
@@ -111,7 +111,8 @@ def compass_heading(field: Floats, up: Floats) -> float:
     return math.atan2(sign * float(east[axis]), sign * float(north[axis]))
 
 
-def _gravity(up: tuple[float, float, float], samples: Samples | None, dt: float) -> tuple[float, float, float]:
+def fold_gravity(up: tuple[float, float, float], samples: Samples | None, dt: float) -> tuple[float, float, float]:
+    """Return gravity's reaction in the device frame after ``dt`` seconds of samples, smoothed."""
     if samples is None:
         return up
     mean = samples.values.mean(axis=0)
@@ -121,7 +122,7 @@ def _gravity(up: tuple[float, float, float], samples: Samples | None, dt: float)
     return (float(mean[0]), float(mean[1]), float(mean[2]))
 
 
-def _yaw(last_ns: int, samples: Samples | None, up: tuple[float, float, float]) -> tuple[float | None, int]:
+def fold_yaw(last_ns: int, samples: Samples | None, up: tuple[float, float, float]) -> tuple[float | None, int]:
     """Return how far the phone turned clockwise about the vertical, None without gyroscope or vertical."""
     if samples is None:
         return None, last_ns

@@ -6,22 +6,18 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-import numpy as np
-
 from tickfix.api import (
-    TICK_NS,
     BasePdr,
     Context,
     Motion,
     MotionSamples,
     Rng,
-    Samples,
     Survey,
-    SurveyWalk,
     Trained,
     parameter,
     wrap_rad,
 )
+from tickfix_pdr.calibration import calibrate
 from tickfix_pdr.heading import HeadingState, fold_heading
 from tickfix_pdr.step_detector import GaitState, Step, detect_steps
 
@@ -127,47 +123,5 @@ class Steps(BasePdr[StepsParams]):
 
     @staticmethod
     def train(params: StepsParams, survey: Survey, rng: Rng) -> Trained:  # noqa: ARG004 - nothing is drawn
-        """Learn the drawing's north and the length of steps from the survey's walks.
-
-        Each walk's waypoints, seen from its first, are compared with where the steps lead, as complex numbers: the
-        factor that fits best has the angle between the norths; the walk's length gives the scale.
-        """
-        untrained = Steps(params, Context(), None)
-        factors, scales = [], []
-        for walk in survey.walks:
-            reckoned, walked_m = _reckon(untrained, walk)
-            true = np.array([complex(*truth.xy) for truth in walk.truth])
-            length_m = float(np.abs(np.diff(true)).sum())
-            if length_m < 10.0 or walked_m < 5.0:
-                continue
-            true, reckoned = true - true[0], reckoned - reckoned[0]
-            factors.append(np.vdot(reckoned, true) / max(np.vdot(reckoned, reckoned).real, 1.0) * length_m)
-            scales.append(length_m / walked_m)
-        # A heading θ is the direction sin θ + i·cos θ; turning it clockwise multiplies by exp(−iφ).
-        offset_rad = -float(np.angle(sum(factors))) if factors else 0.0
-        scale = float(np.median(scales)) if scales else 1.0
-        return {"heading_offset_rad": np.array(offset_rad), "length_scale": np.array(scale)}
-
-
-def _reckon(pdr: Steps, walk: SurveyWalk) -> tuple[np.ndarray[tuple[int], np.dtype[np.complex128]], float]:
-    """Return where the steps lead by each waypoint, x + iy (n,), and how far from the first to the last."""
-    state = pdr.start()
-    first, last = walk.motion.t0_ns // TICK_NS, -(-walk.motion.t1_ns // TICK_NS)
-    place, places, travelled = 0j, [], []
-    for tick in range(first, last + 1):
-        state, motion = pdr.step(state, _within(walk.motion, (tick - 1) * TICK_NS, tick * TICK_NS))
-        heading = 0.0 if motion.heading_rad is None else motion.heading_rad
-        place += motion.distance_m * complex(math.sin(heading), math.cos(heading))
-        places.append(place)
-        travelled.append(motion.travelled_m)
-    ticks = np.clip([-(-truth.t_ns // TICK_NS) - first for truth in walk.truth], 0, len(places) - 1)
-    return np.array(places)[ticks], travelled[ticks[-1]] - travelled[ticks[0]]
-
-
-def _within(motion: MotionSamples, t0_ns: int, t1_ns: int) -> MotionSamples:
-    sensors = {}
-    for name, samples in motion.sensors.items():
-        a, b = np.searchsorted(samples.t_ns, [t0_ns, t1_ns], side="right")
-        if b > a:
-            sensors[name] = Samples(samples.t_ns[a:b], samples.values[a:b])
-    return MotionSamples(sensors=sensors, t0_ns=t0_ns, t1_ns=t1_ns)
+        """Learn the drawing's north and the length of steps from the survey, see :mod:`tickfix_pdr.calibration`."""
+        return calibrate(Steps(params, Context()), survey)

@@ -1,0 +1,138 @@
+"""Steps counted on the hand-held Oxford recordings, beside the steps that switches in both shoes counted.
+
+Run ``python benchmarks/steps.py [FOLDER]``; the folder is ``oxford-step-counter`` of the real recordings, found as the
+tests find it. Thresholds of ``multi-threshold`` are chosen leaving the person out: for the walks of one person, those
+that did best on the walks of all others (persons weighing alike). ``steps`` has its shipped parameters, which nobody
+fitted to these recordings.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from tickfix.api import Samples
+from tickfix_pdr.extrema import Extremum, SignalState, fold_signal
+from tickfix_pdr.multi_threshold import MultiThresholdParams
+from tickfix_pdr.multi_threshold_detector import StepState, Thresholds, fold_extrema
+from tickfix_pdr.step_detector import GaitState, detect_steps
+from tickfix_pdr.steps import StepsParams
+
+LOW_PASS_HZ = (1.5, 2.0, 2.5, 3.0, 4.0)
+AMPLITUDES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+BETWEEN_S = (0.2, 0.3, 0.4)
+Choice = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A recording: who walked, what the phone felt and how many steps the switches counted."""
+
+    name: str
+    person: str
+    accelerometer: Samples
+    steps: int
+
+
+def read(folder: Path) -> list[Walk]:
+    """Read the hand-held walks; their folders are named phone, person, ground, hold, number."""
+    walks = []
+    for path in sorted((folder / "optimisation").iterdir()):
+        rows = np.loadtxt(path / "accelerometer.csv.gz", delimiter=",", usecols=(2, 3, 4))
+        t_ns = np.loadtxt(path / "accelerometer.csv.gz", delimiter=",", usecols=0, dtype=np.int64)
+        feet = np.loadtxt(path / "stepcounter.csv.gz", delimiter=",", usecols=(1, 2))
+        order = np.unique(t_ns, return_index=True)[1]
+        steps = int((np.diff(feet, axis=0) > 0).sum())  # rising edges of both columns
+        walks.append(Walk(path.name, path.name.split("_")[1], Samples(t_ns[order], rows[order]), steps))
+    return walks
+
+
+def count_by_every_choice(walk: Walk) -> Mapping[Choice, int]:
+    """Return the steps found with each choice of low-pass, amplitude and time between peaks."""
+    counts = {}
+    for low_pass_hz in LOW_PASS_HZ:
+        extrema: Sequence[Extremum] = fold_signal(SignalState(), walk.accelerometer, low_pass_hz)[1]
+        for amplitude, between_s in product(AMPLITUDES, BETWEEN_S):
+            thresholds = Thresholds(amplitude, between_s, MultiThresholdParams().standing_s)
+            counts[low_pass_hz, amplitude, between_s] = len(fold_extrema(StepState(), extrema, thresholds)[1])
+    return counts
+
+
+def count_by_steps(walk: Walk) -> int:
+    """Return the steps that the pdr ``steps`` finds with its defaults."""
+    p = StepsParams()
+    found = detect_steps(
+        GaitState(), walk.accelerometer, low_pass_hz=p.low_pass_hz, threshold=p.threshold, shortest_s=p.shortest_s
+    )
+    return len(found[1])
+
+
+def best(walks: Sequence[Walk], counts: Mapping[str, Mapping[Choice, int]]) -> Choice:
+    """Return the choice with the least mean error, its own and its neighbours'; persons weigh alike."""
+    persons = sorted({walk.person for walk in walks})
+
+    def error(choice: Choice) -> float:
+        return float(
+            np.mean(
+                [
+                    np.mean([abs(counts[w.name][choice] / w.steps - 1.0) for w in walks if w.person == person])
+                    for person in persons
+                ]
+            )
+        )
+
+    errors = {choice: error(choice) for choice in counts[walks[0].name]}
+    grids = (LOW_PASS_HZ, AMPLITUDES, BETWEEN_S)
+
+    def smoothed(choice: Choice) -> float:
+        # Few walks fit many choices: one whose neighbours do as well is a choice, one that stands alone is luck.
+        near = [
+            errors[other]
+            for other in errors
+            if all(abs(g.index(a) - g.index(b)) <= 1 for g, a, b in zip(grids, choice, other, strict=True))
+        ]
+        return float(np.mean(near)) + errors[choice]
+
+    return min(errors, key=lambda choice: (smoothed(choice), choice))
+
+
+def leaving_the_person_out(walks: Sequence[Walk]) -> list[tuple[Walk, Choice, int]]:
+    """Return each walk with the choice that the other persons' walks made, and the steps found with it."""
+    counts = {walk.name: count_by_every_choice(walk) for walk in walks}
+    choices = {
+        person: best([w for w in walks if w.person != person], counts) for person in {walk.person for walk in walks}
+    }
+    return [(walk, choices[walk.person], counts[walk.name][choices[walk.person]]) for walk in walks]
+
+
+def main() -> None:
+    """Print the table."""
+    told = Path(os.environ.get("TICKFIX_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+    walks = read(Path(sys.argv[1]) if len(sys.argv) > 1 else told / "oxford-step-counter")
+    rows = leaving_the_person_out(walks)
+    by_steps = [count_by_steps(walk) for walk in walks]
+    print(
+        f"{'walk':34} {'true':>5} {'multi-threshold':>16} {'error':>7} {'steps':>6} {'error':>7}  low-pass, δ_a, δ_Δt"
+    )
+    errors = []
+    for (walk, choice, found), other in zip(rows, by_steps, strict=True):
+        pair = (found / walk.steps - 1.0, other / walk.steps - 1.0)
+        errors.append(pair)
+        print(f"{walk.name:34} {walk.steps:5} {found:16} {pair[0]:7.1%} {other:6} {pair[1]:7.1%}  {choice}")
+    mean, worst = np.abs(errors).mean(axis=0), np.abs(errors).max(axis=0)
+    print(
+        f"{'mean, worst |error|':34} multi-threshold {mean[0]:.1%}, {worst[0]:.1%}; steps {mean[1]:.1%}, {worst[1]:.1%}"
+    )
+    p = MultiThresholdParams()
+    counts = {walk.name: count_by_every_choice(walk) for walk in walks}
+    print(f"chosen on all: {best(walks, counts)}; default: {(p.low_pass_hz, p.amplitude, p.between_s)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,257 @@
+"""Pdr ``elm``: velocity and orientation by regression, [jiang2015] sections 4 and 5, eqs. (1)–(13)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+
+from tickfix.api import (
+    TICK_NS,
+    BasePdr,
+    Context,
+    Floats,
+    Ints,
+    Motion,
+    MotionSamples,
+    Preset,
+    Rng,
+    Survey,
+    Trained,
+    parameter,
+    wrap_rad,
+)
+from tickfix_pdr import elm_model
+from tickfix_pdr.elm_model import Elm
+from tickfix_pdr.elm_windows import folds, heading_features, velocity_features, windows
+from tickfix_pdr.heading import fold_gravity, fold_yaw
+
+_FEWEST_WINDOWS = 50
+_SHAKE_S = 0.5
+_FASTEST_MPS = 3.0  # nobody indoors runs faster; a network says anything for what it never saw
+Activation = Literal["hardlim", "sigmoid"]
+
+
+@dataclass(frozen=True)
+class ElmParams:
+    """Parameters of ``elm``; a window is a tick, 200 ms as in [jiang2015] section 8.2.1."""
+
+    velocity_nodes: Annotated[
+        tuple[int, ...], parameter("hidden nodes to choose from", source="[jiang2015] 8.2.2", trains=True)
+    ] = (25, 50, 100, 200, 400)
+    heading_nodes: Annotated[
+        tuple[int, ...], parameter("hidden nodes to choose from", source="[jiang2015] 8.2.2", trains=True)
+    ] = (25, 50, 100, 200, 400)
+    velocity_activation: Annotated[
+        Activation, parameter("g(x) for the velocity", source="[jiang2015] 8.2.2", trains=True)
+    ] = "hardlim"
+    heading_activation: Annotated[
+        Activation, parameter("g(x) for the orientation", source="[jiang2015] 8.2.2", trains=True)
+    ] = "sigmoid"
+    fold_count: Annotated[
+        int, parameter("folds of the cross-validation", source="[jiang2015] 8.2.2", ge=2, trains=True)
+    ] = 10
+    keep_chains: Annotated[bool, parameter("folds keep a chain of walks together; else at random", trains=True)] = True
+    as_vector: Annotated[
+        bool, parameter("regress the heading as sine and cosine; else the plain angle", trains=True)
+    ] = True
+    ridge: Annotated[
+        float, parameter("regularisation per sample", source="[jiang2015] eq. (10)", gt=0, trains=True)
+    ] = 1e-3
+    still_mps2: Annotated[
+        float, parameter("a phone that shakes less is at rest; 0: as the network says", unit="m/s²", ge=0)
+    ] = 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class ElmState:
+    """What is carried from tick to tick.
+
+    Attributes:
+        heading_rad: the last one told, None before.
+        up: gravity's reaction in the device frame, smoothed, m/s²; zero before the first acceleration.
+        gyroscope_ns: the last gyroscope sample's time, −1 before the first.
+        shake: smoothed square of the acceleration's departure from gravity's length, m²/s⁴; −1 before the first.
+        travelled_m: so far.
+    """
+
+    heading_rad: float | None = None
+    up: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gyroscope_ns: int = -1
+    shake: float = -1.0
+    travelled_m: float = 0.0
+
+
+class ElmPdr(BasePdr[ElmParams]):
+    """Velocity and orientation of each tick by two extreme learning machines, trained on the survey's walks.
+
+    The uncertainties told are what cross-validation found: errors of walks that the network did not see, apart for what
+    changes from tick to tick and what stays for a walk. Where the sensors of the orientation are silent, the heading
+    goes on by the gyroscope; where those of the velocity are, nothing is known of the way. A phone that lies still
+    stays where it is, whatever the network says of its pose; that rule is ours and off in the preset.
+
+    Mean accelerations tell how a phone is held before they tell how fast it goes: survey with the people and the holds
+    that will be followed. Of one person's survey the velocity of another person may come out worse than a constant.
+    """
+
+    name = "elm"
+    source = "[jiang2015] eqs. (1)–(13)"
+    Params = ElmParams
+    State = ElmState
+    presets: ClassVar[Mapping[str, Preset]] = {
+        "jiang2015": Preset(
+            "[jiang2015] section 8.2.2: 500 hardlim and 1000 sigmoid nodes, random folds, plain angle",
+            {
+                "velocity_nodes": (500,),
+                "heading_nodes": (1000,),
+                "velocity_activation": "hardlim",
+                "heading_activation": "sigmoid",
+                "fold_count": 10,
+                "keep_chains": False,
+                "as_vector": False,
+                "ridge": 1e-8,
+                "still_mps2": 0.0,
+            },
+        )
+    }
+
+    def __init__(self, params: ElmParams, context: Context, trained: Trained | None = None) -> None:
+        """Take the two networks.
+
+        Raises:
+            ValueError: without them.
+        """
+        super().__init__(params, context, trained)
+        if trained is None:
+            raise ValueError("elm: found no trained model; survey again with this configuration (--config)")
+        self._velocity = Elm.of(trained, "velocity", params.velocity_activation)
+        self._heading = Elm.of(trained, "heading", params.heading_activation)
+        self._sigma, self._scale_sigma, self._heading_sigma, self._heading_bias = (
+            float(v) for v in np.asarray(trained["errors"])
+        )
+
+    def start(self) -> ElmState:
+        """Return the state before any sample."""
+        return ElmState()
+
+    def step(self, state: ElmState, samples: MotionSamples) -> tuple[ElmState, Motion]:
+        """Fold a tick's samples into motion."""
+        dt = (samples.t1_ns - samples.t0_ns) * 1e-9
+        accelerometer = samples.sensors.get("accelerometer")
+        up = fold_gravity(state.up, accelerometer, dt)
+        turned, gyroscope_ns = fold_yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
+        shake = state.shake
+        if accelerometer is not None:
+            lengths = np.linalg.norm(accelerometer.values, axis=1)
+            square = float(np.mean((lengths - math.hypot(*up)) ** 2))
+            shake = square if shake < 0.0 else shake + dt / (_SHAKE_S + dt) * (square - shake)
+        still = accelerometer is not None and 0.0 <= shake < self.params.still_mps2**2
+
+        x = velocity_features(samples)
+        v = 0.0 if x is None or still else float(np.clip(self._velocity(x[None])[0, 0], 0.0, _FASTEST_MPS))
+        distance_m = v * dt  # eq. (13), with T_w the tick
+        x_o = heading_features(samples, as_vector=self.params.as_vector)
+        heading = state.heading_rad
+        if x_o is not None:
+            heading = float(_angle(self._heading(x_o[None]))[0])
+        elif heading is not None:
+            heading = float(wrap_rad(heading + (turned or 0.0)))
+        if turned is None and heading is not None and state.heading_rad is not None:
+            turned = float(wrap_rad(heading - state.heading_rad))
+        motion = Motion(
+            t0_ns=samples.t0_ns,
+            t1_ns=samples.t1_ns,
+            distance_m=distance_m,
+            heading_rad=heading,
+            turn_rad=turned or 0.0,
+            distance_sigma_m=0.0 if still else dt if x is None else self._sigma * dt,
+            distance_scale_sigma=self._scale_sigma,
+            heading_sigma_rad=self._heading_sigma,
+            heading_bias_sigma_rad=self._heading_bias,
+            turn_sigma_rad=min(0.1, self._heading_sigma),
+            stationary=still,
+            travelled_m=state.travelled_m + distance_m,
+        )
+        return ElmState(heading, up, gyroscope_ns, shake, motion.travelled_m), motion
+
+    @staticmethod
+    def train(params: ElmParams, survey: Survey, rng: Rng) -> Trained:
+        """Train both networks on the survey's walks.
+
+        Returns:
+            The networks; ``velocity_mse`` and ``heading_mse`` by number of nodes as rows (nodes, MSE); ``errors``: (4,)
+            of the velocity from tick to tick (m/s) and of a walk (relative), of the heading likewise (both radians).
+
+        Raises:
+            ValueError: when the survey has too few windows with all four sensors and waypoints.
+        """
+        velocity, heading = windows(survey.walks, TICK_NS, as_vector=params.as_vector)
+        if min(len(velocity.t), len(heading.t)) < _FEWEST_WINDOWS:
+            raise ValueError(
+                f"elm: found {len(velocity.t)} windows for the velocity and {len(heading.t)} for the heading, needs "
+                f"{_FEWEST_WINDOWS}: walks with waypoints, accelerometer, gyroscope, magnetometer and rotation vector"
+            )
+        names = sorted({walk.chain for walk in survey.walks})
+        chain = np.array([names.index(walk.chain) for walk in survey.walks])
+        streams = iter(rng.spawn(4))
+
+        def fold(walk: Ints) -> Ints:
+            return folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=next(streams))
+
+        v = elm_model.train(
+            velocity.x,
+            velocity.t[:, None],
+            fold(velocity.walk),
+            params.velocity_nodes,
+            activation=params.velocity_activation,
+            ridge=params.ridge,
+            rng=next(streams),
+        )
+        o = elm_model.train(
+            heading.x,
+            np.stack([np.sin(heading.t), np.cos(heading.t)], axis=1) if params.as_vector else heading.t[:, None],
+            fold(heading.walk),
+            params.heading_nodes,
+            activation=params.heading_activation,
+            ridge=params.ridge,
+            rng=next(streams),
+        )
+        model: dict[str, Any] = {**v.elm.arrays("velocity"), **o.elm.arrays("heading")}
+        model["velocity_mse"] = np.stack([v.nodes, v.mse])
+        model["heading_mse"] = np.stack([o.nodes, o.mse])
+        missed = velocity.t - np.clip(v.held_out[:, 0], 0.0, _FASTEST_MPS)
+        mean = _by_walk(missed, velocity.walk)
+        off = wrap_rad(heading.t - _angle(o.held_out))
+        bias = np.arctan2(_by_walk(np.sin(off), heading.walk), _by_walk(np.cos(off), heading.walk))
+        model["errors"] = np.array(
+            [
+                _rms(missed - mean),
+                _rms(mean) / max(float(velocity.t.mean()), 0.1),
+                _spread(wrap_rad(off - bias)),
+                _rms(bias),
+            ]
+        )
+        return model
+
+
+def _angle(told: Floats) -> Floats:
+    """Return headings (N,) of outputs (N, 2), sine and cosine, or (N, 1), angles."""
+    return np.arctan2(told[:, 0], told[:, 1]) if told.shape[1] == 2 else wrap_rad(told[:, 0])
+
+
+def _by_walk(values: Floats, walk: Ints) -> Floats:
+    """Return for each value (N,) the mean of its walk."""
+    mean: Floats = (np.bincount(walk, values) / np.maximum(np.bincount(walk), 1))[walk]
+    return mean
+
+
+def _spread(values: Floats) -> float:
+    """Return the standard deviation by the median: a spline through sparse waypoints errs far where people stop."""
+    return float(1.4826 * np.median(np.abs(values)))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,109 @@
+"""Features and labels of windows, [jiang2015] section 4: what the phone felt, and how it truly moved meanwhile.
+
+Features are means over a window, eq. (3). The orientation is the mean rotation vector as Android's azimuth, pitch and
+roll: the mean is taken of the vector, since angles jump at ±180°. Labels come from cubic splines through the waypoints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from tickfix.api import Floats, Ints, MotionSamples, SurveyWalk
+from tickfix_pdr.calibration import within
+
+_SLOWEST_MPS = 0.2  # below it the spline's direction is that of its error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Windows of surveyed walks; those without all features or without a direction are left out.
+
+    Attributes:
+        x: (N, n) features.
+        t: (N,) labels: metres a second, or heading in radians.
+        walk: (N,) number of the walk.
+    """
+
+    x: Floats
+    t: Floats
+    walk: Ints
+
+
+def velocity_features(samples: MotionSamples) -> Floats | None:
+    """Return acc.x, y, z, gyr.x, y, z (6,), eq. (1); None where a sensor is silent."""
+    acc, gyr = samples.sensors.get("accelerometer"), samples.sensors.get("gyroscope")
+    if acc is None or gyr is None:
+        return None
+    return np.concatenate([acc.values.mean(axis=0), gyr.values.mean(axis=0)])  # eq. (3)
+
+
+def heading_features(samples: MotionSamples, *, as_vector: bool) -> Floats | None:
+    """Return ori.x, y, z in radians and mag.x, y, z in µT (6,), eq. (2); None where a sensor is silent.
+
+    ``as_vector``: ori.x as its sine and cosine (7,), so that what is felt does not jump where the azimuth does.
+    """
+    rotation, magnetometer = samples.sensors.get("rotation_vector"), samples.sensors.get("magnetometer")
+    if rotation is None or magnetometer is None:
+        return None
+    q = rotation.values * np.where(rotation.values @ rotation.values[0] < 0.0, -1.0, 1.0)[:, None]  # q and −q are one
+    mean = q.mean(axis=0)
+    norm = float(np.linalg.norm(mean))
+    if norm == 0.0:
+        return None
+    x, y, z, w = mean / norm
+    azimuth = np.arctan2(2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z))
+    pitch = np.arcsin(np.clip(-2.0 * (y * z + x * w), -1.0, 1.0))
+    roll = np.arctan2(-2.0 * (x * z - y * w), 1.0 - 2.0 * (x * x + y * y))
+    turned = [np.sin(azimuth), np.cos(azimuth)] if as_vector else [azimuth]
+    return np.concatenate([[*turned, pitch, roll], magnetometer.values.mean(axis=0)])
+
+
+def windows(walks: tuple[SurveyWalk, ...], window_ns: int, *, as_vector: bool) -> tuple[Windows, Windows]:
+    """Return the windows for the velocity and for the heading of walks, of ``window_ns`` nanoseconds each."""
+    rows: tuple[list[tuple[Floats, float, int]], ...] = ([], [])
+    for number, walk in enumerate(walks):
+        t_ns, first = np.unique([truth.t_ns for truth in walk.truth], return_index=True)
+        if len(t_ns) < 2:
+            continue
+        xy = np.array([truth.xy for truth in walk.truth])[first]
+        t0_ns = int(t_ns[0])
+        spline = CubicSpline((t_ns - t0_ns) * 1e-9, xy, bc_type="natural")
+        for start_ns in range(t0_ns, int(t_ns[-1]) - window_ns + 1, window_ns):
+            samples = within(walk.motion, start_ns, start_ns + window_ns)
+            t_s = (start_ns - t0_ns + np.array([0, window_ns])) * 1e-9
+            east, north = np.diff(spline(t_s), axis=0)[0] / (window_ns * 1e-9)
+            v = float(np.hypot(east, north))
+            felt, pointed = velocity_features(samples), heading_features(samples, as_vector=as_vector)
+            if felt is not None:
+                rows[0].append((felt, v, number))
+            if pointed is not None and v >= _SLOWEST_MPS:
+                rows[1].append((pointed, float(np.arctan2(east, north)), number))
+    velocity, heading = (_stacked(found) for found in rows)
+    return velocity, heading
+
+
+def folds(walk: Ints, chain: Ints, count: int, *, keep_chains: bool, rng: np.random.Generator) -> Ints:
+    """Return the fold (N,) of each window: whole chains dealt in turn, or windows at random.
+
+    With a single chain its windows are cut into consecutive blocks: neighbours still stay together.
+    """
+    n = len(walk)
+    count = min(count, n)
+    if not keep_chains:
+        dealt: Ints = rng.permutation(n) % count
+        return dealt
+    present = np.unique(chain[walk])
+    if len(present) < 2:
+        return np.arange(n) * count // n
+    return np.searchsorted(present, chain[walk]) % min(count, len(present))
+
+
+def _stacked(rows: list[tuple[Floats, float, int]]) -> Windows:
+    if not rows:
+        return Windows(np.zeros((0, 0)), np.zeros(0), np.zeros(0, np.int64))
+    return Windows(
+        np.array([x for x, _, _ in rows]), np.array([t for _, t, _ in rows]), np.array([w for *_, w in rows])
+    )
