@@ -38,7 +38,7 @@ from tickfix.api.events import (
 from tickfix.api.geometry import displacement, heading_of, wrap_rad
 from tickfix.api.hooks import API_VERSION, hookimpl
 from tickfix.api.packing import pack, unpack
-from tickfix.api.recordings import Reader, Recording
+from tickfix.api.recordings import Reader, Recording, Sink
 from tickfix.api.values import (
     Belief,
     Component,
@@ -100,6 +100,7 @@ __all__ = [
     "Rng",
     "Samples",
     "Scan",
+    "Sink",
     "SiteError",
     "Stateless",
     "StatelessFingerprint",

@@ -26,6 +26,10 @@ class ConfigError(TickfixError):
         self.found = found
         self.expected = expected
 
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, str]]:
+        """Say how to build it again, so that it can come back from another process."""
+        return type(self), (self.where, self.found, self.expected)
+
 
 class PluginError(TickfixError):
     """A plugin or algorithm that breaks its contract: names it, says what was found and how to mend it."""
@@ -35,6 +39,10 @@ class PluginError(TickfixError):
         self.plugin = plugin
         self.problem = problem
         self.fix = fix
+
+    def __reduce__(self) -> tuple[type[PluginError], tuple[str, str, str]]:
+        """Say how to build it again, so that it can come back from another process."""
+        return type(self), (self.plugin, self.problem, self.fix)
 
 
 class SiteError(TickfixError):

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import ClassVar, Protocol
 
 from tickfix.api.events import Event, Truth
-from tickfix.api.values import Floor
+from tickfix.api.values import Estimate, Floor
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -58,4 +58,26 @@ class Reader(Protocol):
 
     def floor(self, path: Path) -> Floor | None:
         """Return the plan of the floor that the recording at ``path`` was walked on, None where none is stored."""
+        ...
+
+
+class Sink(Protocol):
+    """Writes estimates somewhere. A plugin of kind ``sink``; built as ``Sink(path)``, chosen by the path's ending."""
+
+    kind: ClassVar[str]
+    name: ClassVar[str]
+    suffixes: ClassVar[tuple[str, ...]]
+
+    def __init__(self, path: Path) -> None: ...
+
+    def write(self, estimate: Estimate) -> None:
+        """Take one estimate; they come in the order of their ticks."""
+        ...
+
+    def close(self) -> None:
+        """Finish what was written. Nothing is there under the path before."""
+        ...
+
+    def discard(self) -> None:
+        """Drop what was written, because the run broke off."""
         ...

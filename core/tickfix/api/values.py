@@ -174,6 +174,11 @@ class Component:
     xy: Floats
     covariance: Floats
 
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "xy", frozen_floats("xy", self.xy, 2))
+        object.__setattr__(self, "covariance", frozen_floats("covariance", self.covariance, 2, 2))
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Belief:

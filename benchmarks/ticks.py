@@ -1,0 +1,49 @@
+"""What a tick costs, by pipeline: a simulated walk through the kernel, each pipeline alone.
+
+    python benchmarks/ticks.py [CONFIG.toml]
+
+Prints the median over several runs of the time per tick, in one process and thread, everything included: intake,
+rewinding for late scans, folding, estimates.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from tickfix import config
+from tickfix.drivers.replay import replay
+from tickfix.drivers.surveying import context_of, survey_walks
+from tickfix.plugins import discover
+from tickfix.simulation import demo
+
+REPEATS = 5
+
+
+def main() -> None:
+    """Measure and print."""
+    registry = discover()
+    chosen = config.load(Path(sys.argv[1]) if len(sys.argv) > 1 else None, registry)
+    world = demo(seed=0)
+    recordings = [walk.recording for walk in world.survey]
+    site = survey_walks(recordings, world.building.floors, chosen.pipelines, name="demo").site
+    walk = world.walks[0].recording
+    print(f"one device, one thread, {platform.machine()}, Python {platform.python_version()}")
+    for pipeline in chosen.pipelines:
+        built = config.build([pipeline], context_of(site), site.models)
+        taken = []
+        for _ in range(REPEATS):
+            begun = time.perf_counter()
+            ticks = len(replay(walk, built).settled[pipeline.name])
+            taken.append((time.perf_counter() - begun) / ticks)
+        print(f"  {pipeline.name:16s} {1e6 * statistics.median(taken):8.0f} µs a tick, {ticks} ticks")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,30 @@
+"""The kit on everything that is registered here: tickfix's own algorithms, and those of plugins installed beside it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tickfix.plugins import discover
+from tickfix.testing import AlgorithmContract, FilterContract, FingerprintContract, MapContract, PdrContract
+
+CONTRACTS: dict[str, type[AlgorithmContract]] = {
+    "filter": FilterContract,
+    "fingerprint": FingerprintContract,
+    "map": MapContract,
+    "pdr": PdrContract,
+}
+
+
+def contract_of(kind: str, cls: type[Any]) -> type[AlgorithmContract]:
+    """Return the contract that the author would have written in five lines."""
+    return type(f"Test{cls.__name__}", (CONTRACTS[kind],), {"algorithm": cls, "__module__": __name__})
+
+
+for _offer in discover().offers:
+    if _offer.kind in CONTRACTS:
+        globals()[f"Test_{_offer.kind}_{_offer.name}"] = contract_of(_offer.kind, _offer.cls)
+
+
+def test_there_is_an_algorithm_of_every_kind() -> None:
+    found = {offer.kind for offer in discover().offers}
+    assert set(CONTRACTS) <= found, "tickfix is not installed here: pip install -e '.[test]'"
