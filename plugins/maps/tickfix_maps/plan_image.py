@@ -44,13 +44,17 @@ def matching_matrix(I_model: Bools, I_no_model: Bools) -> Matrix:
     return np.where(I_no_model, I_match, np.int8(0))
 
 
-def plan(floor: Floor, origin: Floats, shape: tuple[int, int], pixel_m: float) -> Bools:
-    """Return I_no_model (h, w) of a floor's vector geometry, south row first; pixel (0, 0) begins at ``origin`` (2,)."""
+def plan(floor: Floor, origin: Floats, shape: tuple[int, int], pixel_m: float) -> tuple[Bools, Bools]:
+    """Return I_no_model (h, w) of a floor's vector geometry, south row first, from ``origin`` (2,) on, and its lines.
+
+    The lines (h, w) are walls and edges: a move crosses these, while one within an obstacle or off the floor does not.
+    """
     outline, obstacles = ([(ring - origin) / pixel_m for ring in rings] for rings in (floor.outline, floor.obstacles))
     free = filled(outline, shape, union=False) if outline else np.ones(shape, dtype=np.bool_)
     free &= ~filled(obstacles, shape, union=True)
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in (*outline, *obstacles)]
-    return free & ~drawn(np.concatenate([(floor.walls - origin) / pixel_m, *edges]), shape)
+    lines = drawn(np.concatenate([(floor.walls - origin) / pixel_m, *edges]), shape)
+    return free & ~lines, lines
 
 
 def walkways(free: Bools, apart: float) -> Bools:
@@ -69,9 +73,9 @@ def walkways(free: Bools, apart: float) -> Bools:
         q = (slice(None),) * (along + 1) + (slice(1, None),)
         between = feature[q] - feature[p]
         far = (between**2).sum(axis=0) > apart**2
-        # Of two neighbours, the one on the near side of the bisector of their walls is on the axis.
+        # Of two neighbours, the one nearer to the bisector of their walls is on the axis.
         side = (between * (feature[p] + feature[q] - here[p] - here[q])).sum(axis=0)
-        axis[p[1:]] |= far & (side >= 0)
-        axis[q[1:]] |= far & (side <= 0)
+        axis[p[1:]] |= far & (side <= 0)
+        axis[q[1:]] |= far & (side >= 0)
     found: Bools = (axis & padded)[1:-1, 1:-1]
     return found

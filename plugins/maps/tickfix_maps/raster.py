@@ -42,6 +42,24 @@ def passed(a: Floats, b: Floats) -> tuple[Ints, Ints, Ints]:
     return moves, row, column
 
 
+def clipped(a: Floats, b: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats, Ints]:
+    """Return what of the moves ``a`` (n, 2) → ``b`` (n, 2) lies over a matrix, and which moves these are."""
+    way = b - a
+    limits = np.array(shape[::-1], dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack([-a / way, (limits - a) / way])
+    # A move along an axis never meets the two edges it is parallel to: it is between them all the way or never.
+    between = (a >= 0.0) & (a <= limits)
+    first = np.where(way == 0.0, np.where(between, 0.0, np.inf), ends.min(axis=0)).max(axis=1, initial=0.0)
+    last = np.where(way == 0.0, np.where(between, 1.0, -np.inf), ends.max(axis=0)).min(axis=1, initial=1.0)
+    over = np.flatnonzero(first <= last)
+    start, end = first[over, None], last[over, None]
+    # An end that lies over the matrix stays as it is, to the bit.
+    c = np.where(start > 0.0, a[over] + start * way[over], a[over])
+    d = np.where(end < 1.0, a[over] + end * way[over], b[over])
+    return c, d, over
+
+
 def drawn(segments: Floats, shape: tuple[int, int]) -> Bools:
     """Return the matrix with the pixels that ``segments`` (m, 2, 2) pass, so closed that no diagonal slips through."""
     matrix = np.zeros(shape, dtype=np.bool_)
