@@ -7,6 +7,7 @@ from tickfix_filters.dead_reckoning import DeadReckoning
 from tickfix_filters.fixes import Fixes
 from tickfix_filters.fusion_pf import FusionPf
 from tickfix_filters.kalman import Kalman
+from tickfix_filters.kalman_map import KalmanMap
 
 TICKFIX_API = 1
 
@@ -14,4 +15,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer the filters."""
-    return [Fixes, DeadReckoning, Kalman, FusionPf]
+    return [Fixes, DeadReckoning, Kalman, KalmanMap, FusionPf]
