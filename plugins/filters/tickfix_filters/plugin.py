@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tickfix.api import hookimpl
 from tickfix_filters.dead_reckoning import DeadReckoning
+from tickfix_filters.fading_ekf import FadingEkf
 from tickfix_filters.fixes import Fixes
 from tickfix_filters.fusion_pf import FusionPf
 from tickfix_filters.kalman import Kalman
@@ -15,4 +16,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer the filters."""
-    return [Fixes, DeadReckoning, Kalman, KalmanMap, FusionPf]
+    return [Fixes, DeadReckoning, Kalman, KalmanMap, FadingEkf, FusionPf]
