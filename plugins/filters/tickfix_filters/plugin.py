@@ -9,6 +9,7 @@ from tickfix_filters.fixes import Fixes
 from tickfix_filters.fusion_pf import FusionPf
 from tickfix_filters.kalman import Kalman
 from tickfix_filters.kalman_map import KalmanMap
+from tickfix_filters.map_pf import MapPf
 
 TICKFIX_API = 1
 
@@ -16,4 +17,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer the filters."""
-    return [Fixes, DeadReckoning, Kalman, KalmanMap, FadingEkf, FusionPf]
+    return [Fixes, DeadReckoning, Kalman, KalmanMap, FadingEkf, FusionPf, MapPf]
