@@ -30,7 +30,7 @@ import msgspec
 
 from tickfix.api.algorithms import Trained
 from tickfix.api.errors import ConfigError, PluginError
-from tickfix.api.values import Context
+from tickfix.api.site import Context
 from tickfix.kernel import KernelSettings, Pipeline, Stage
 from tickfix.plugins import Offer, Registry
 

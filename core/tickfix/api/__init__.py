@@ -39,22 +39,17 @@ from tickfix.api.geometry import displacement, heading_of, wrap_rad
 from tickfix.api.hooks import API_VERSION, hookimpl
 from tickfix.api.packing import pack, unpack
 from tickfix.api.recordings import Reader, Recording, Sink
+from tickfix.api.site import Context, Floor, FloorMap, RadioMap, Survey, SurveyWalk
 from tickfix.api.values import (
     Belief,
     Component,
-    Context,
     Estimate,
-    Floor,
-    FloorMap,
     Motion,
     Observation,
     Prior,
-    RadioMap,
     Readings,
     Report,
     Status,
-    Survey,
-    SurveyWalk,
     Window,
 )
 

@@ -4,7 +4,7 @@ Every algorithm is a class built as ``Algorithm(params, context, trained)``:
 
 - ``params`` is an instance of its frozen dataclass ``Params``, checked already; fields are declared as
   ``k: Annotated[int, parameter("neighbours averaged", ge=1)] = 5``;
-- ``context`` is the site, see :class:`~tickfix.api.values.Context`;
+- ``context`` is the site, see :class:`~tickfix.api.site.Context`;
 - ``trained`` holds the arrays its optional ``train`` returned when the site was surveyed, or None.
 
 What folds, folds alike: ``start`` gives a first state, ``step`` a new state from the old one. States are frozen
@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from tickfix.api.arrays import Bools, Floats
 from tickfix.api.events import Fix, MotionSamples
-from tickfix.api.values import Belief, Context, Motion, Observation, Prior, Readings, Report, Survey, Window
+from tickfix.api.site import Context, Survey
+from tickfix.api.values import Belief, Motion, Observation, Prior, Readings, Report, Window
 
 Trained: TypeAlias = Mapping[str, NDArray[Any]]
 Rng: TypeAlias = np.random.Generator
@@ -266,7 +267,7 @@ class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
 
 
 class BaseMap(_Base[P]):
-    """Base of floor maps; ``context.floor`` is the floor to map. See :class:`~tickfix.api.values.FloorMap`."""
+    """Base of floor maps; ``context.floor`` is the floor to map. See :class:`~tickfix.api.site.FloorMap`."""
 
     kind = "map"
 

@@ -9,7 +9,8 @@ from types import MappingProxyType
 from typing import ClassVar, Protocol
 
 from tickfix.api.events import Event, Truth
-from tickfix.api.values import Estimate, Floor
+from tickfix.api.site import Floor
+from tickfix.api.values import Estimate
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -47,7 +47,8 @@ def demo(
         bench = prepare(surveyed.site, settings)
         runs = []
         show("tracking", 0, len(scene.walks))
-        for run in run_walks(bench, [walk.recording for walk in scene.walks], Wishes(pictures=out)):
+        wishes = Wishes(pictures=out, moving=scene.walks[0].recording.name)
+        for run in run_walks(bench, [walk.recording for walk in scene.walks], wishes):
             runs.append(run)
             show("tracking", len(runs), len(scene.walks))
     draw_errors(runs, out / "cdf.png")
@@ -60,7 +61,7 @@ def demo(
     console.print(pooled_table(summary))
     seconds = time.perf_counter() - began
     console.print(f"{len(scene.survey)} walks surveyed, {len(runs)} tracked in {seconds:.0f} s. Pictures:")
-    for path in sorted(out.glob("*.png")):
+    for path in sorted([*out.glob("*.gif"), *out.glob("*.png")]):
         console.print(f"  {path}", soft_wrap=True)
     last = settings.pipelines[-1].filter.offer.label
     console.print(

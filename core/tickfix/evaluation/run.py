@@ -40,11 +40,13 @@ class Wishes:
     Attributes:
         start_known: tell the pipelines the first waypoint; they find the start themselves otherwise.
         pictures: folder for a picture of each walk, which must exist.
+        moving: name of a walk to animate beside its picture.
         estimates: keep the published estimates.
     """
 
     start_known: bool = False
     pictures: Path | None = None
+    moving: str = ""
     estimates: bool = False
 
 
@@ -113,7 +115,7 @@ def run_walk(bench: Bench, wishes: Wishes, walk: Source | Recording) -> WalkRun:
         coverage=bench.coverage,
     )
     if wishes.pictures is not None:
-        _draw(bench, replayed, published, wishes.pictures)
+        _draw(bench, replayed, published, wishes.pictures, moving=recording.name == wishes.moving)
     return WalkRun(
         result=result,
         intake=replayed.intake,
@@ -160,8 +162,9 @@ def _in_order(tracks: Mapping[str, Track]) -> tuple[Estimate, ...]:
     return tuple(sorted(every, key=lambda e: (e.epoch, e.tick, ranks[e.pipeline])))
 
 
-def _draw(bench: Bench, replayed: Replayed, tracks: Mapping[str, Track], folder: Path) -> None:
+def _draw(bench: Bench, replayed: Replayed, tracks: Mapping[str, Track], folder: Path, *, moving: bool = False) -> None:
     """Draw the walk on each floor it visits, with the fixes of the last pipeline that has a fingerprint."""
+    from tickfix.evaluation.animation import animate_walk  # noqa: PLC0415 - matplotlib is slow to import
     from tickfix.evaluation.pictures import draw_walk  # noqa: PLC0415 - as above
 
     recording = replayed.recording
@@ -172,7 +175,10 @@ def _draw(bench: Bench, replayed: Replayed, tracks: Mapping[str, Track], folder:
         if floor.name in visited:
             suffix = f" {floor.name}" if len(visited) > 1 else ""
             path = folder / f"{recording.name}{suffix}.png"
-            draw_walk(floor, recording.truth, tracks, fixes, path, title=f"{recording.name}, {floor.name}")
+            title = f"{recording.name}, {floor.name}"
+            draw_walk(floor, recording.truth, tracks, fixes, path, title=title)
+            if moving:
+                animate_walk(floor, recording.truth, tracks, path.with_suffix(".gif"), title=title)
 
 
 def _floors(floor: str, truth: Sequence[Truth], tracks: Mapping[str, Track]) -> set[str]:

@@ -20,7 +20,7 @@ INK: Final = "#1a1a1a"
 QUIET: Final = "#6b6b6b"
 _FONT: Final = "DejaVu Sans"
 _SUFFIXES: Final = {".png": {"Software": None}, ".svg": {"Date": None}}
-_SETTINGS: Final[dict[Any, Any]] = {
+SETTINGS: Final[dict[Any, Any]] = {
     "font.family": _FONT,
     "font.size": 8.5,
     "text.parse_math": False,
@@ -79,7 +79,7 @@ def canvas(path: Path, size_in: tuple[float, float]) -> Iterator[Figure]:
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ValueError(f"{path}: found the suffix {suffix!r}, expected {' or '.join(_SUFFIXES)}")
-    with mpl.rc_context(_SETTINGS):
+    with mpl.rc_context(SETTINGS):
         figure = Figure(figsize=size_in, layout="constrained")
         FigureCanvasAgg(figure)
         yield figure

@@ -40,7 +40,7 @@ class FilterContract(StateContract):
             does nothing without a radio map.
     """
 
-    follows_m: float = 6.0
+    follows_m: float = 10.0
     shift_tolerance_m: float | None = 0.05
 
     def states(self) -> Iterator[Any]:

@@ -3,9 +3,10 @@
 After [jiang2015] sections 6 and 7: each particle walks every 200 ms, is weighed by a Wi-Fi fix when there is one, and
 the set is resampled. Beyond the paper, a particle also carries its own bias of the heading and error of the step
 length, which its walk teaches it, and how far the last fix was off if the particle is right: errors of fixes have a
-memory (:mod:`tickfix_filters.noise`). A particle that crosses a wall loses nearly all of its weight, and so does, step
-by step, one that walks where nobody can. A few particles begin anew at every fix, so that a wrong belief never lasts
-(sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting localization", ICRA 2000).
+memory (:mod:`tickfix_filters.noise`). A particle that crosses a wall loses most of its weight, and so does, step by
+step, one that walks where nobody can; not all of it, since plans err too. A few particles begin anew at every fix, so
+that a wrong belief never lasts (sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting localization",
+ICRA 2000).
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ class FusionPfParams(FixErrorParams):
     ] = 0.1
     crossing_weight: Annotated[
         float, parameter("share of its weight a particle keeps when it crosses a wall", gt=0, le=1)
-    ] = 0.05
+    ] = 0.2
     outside_weight: Annotated[
         float, parameter("share of its weight it keeps with each step where nobody can walk", gt=0, le=1)
-    ] = 0.3
+    ] = 0.5
     renewed: Annotated[
         float, parameter("share of the particles that begin anew at a good fix", source="[lenser2000]", ge=0, lt=1)
     ] = 0.03

@@ -26,7 +26,7 @@ from tickfix.api import Fix, parameter
 class FixErrorParams:
     """Parameters of the model, shared by the filters that use fixes."""
 
-    correlation_s: Annotated[float, parameter("time over which errors of fixes are alike", unit="s", gt=0)] = 8.0
+    correlation_s: Annotated[float, parameter("time over which errors of fixes are alike", unit="s", gt=0)] = 5.0
     remembered: Annotated[float, parameter("share of the error's variance that has a memory", ge=0, lt=1)] = 0.8
     freedom: Annotated[float, parameter("degrees of freedom ν of Student's t for the errors", gt=0)] = 4.0
 

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from tickfix.api import TICK_NS, Fix, Floor, Truth
+from tickfix.evaluation.animation import animate_walk
 from tickfix.evaluation.pictures import REGION_95, draw_cdf, draw_walk
 from tickfix.evaluation.plan import crop
 from tickfix.evaluation.style import lines, printable
@@ -125,3 +127,13 @@ def test_drawing_never_asks_for_pyplot(tmp_path: Path, tracks: Any, monkeypatch:
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     draw_walk(FLOOR, TRUTH, tracks, [], tmp_path / "walk.png")
     assert (tmp_path / "walk.png").exists()
+
+
+def test_a_moving_picture_has_a_frame_a_moment_and_is_the_same_twice(tmp_path: Path, tracks: Any) -> None:
+    files = [tmp_path / f"{name}.gif" for name in "ab"]
+    for file in files:
+        animate_walk(FLOOR, TRUTH, tracks, file, every_s=0.6)
+    assert files[0].read_bytes() == files[1].read_bytes()
+    with Image.open(files[0]) as picture:
+        seconds = (TRUTH[-1].t_ns - TRUTH[0].t_ns) * 1e-9
+        assert picture.n_frames == int(np.ceil(seconds / 0.6)) + 1

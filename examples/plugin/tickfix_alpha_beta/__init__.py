@@ -1,0 +1,1 @@
+"""The α–β filter for tickfix."""
