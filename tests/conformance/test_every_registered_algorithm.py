@@ -15,12 +15,17 @@ CONTRACTS: dict[str, type[AlgorithmContract]] = {
     "pdr": PdrContract,
 }
 
+SETTINGS: dict[str, dict[str, Any]] = {
+    "kalman-map": {"follows_m": 7.0},  # it knows of turns by fixes alone
+    "image": {"tolerance_m": 0.3},  # the diagonal of a pixel
+}
+
 
 def contract_of(kind: str, cls: type[Any]) -> type[AlgorithmContract]:
     """Return the contract that the author would have written in five lines."""
-    return type(
-        f"Test{cls.__name__}", (CONTRACTS[kind],), {"algorithm": cls, "trained": lesson(cls), "__module__": __name__}
-    )
+    settings = SETTINGS.get(cls.name, {})
+    body = {"algorithm": cls, "trained": lesson(cls), "__module__": __name__, **settings}
+    return type(f"Test{cls.__name__}", (CONTRACTS[kind],), body)
 
 
 def lesson(cls: type[Any]) -> Trained | None:

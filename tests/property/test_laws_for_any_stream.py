@@ -77,7 +77,7 @@ def settled(events: list[Event], used: KernelSettings = SETTINGS, pipelines: Any
     return [folded.settled_as("d", p.name) for p in pipelines]
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(events=streams, data=st.data())
 def test_any_arrival_order_within_the_horizon_settles_to_the_same_bytes(
     events: list[Event], data: st.DataObject
@@ -98,7 +98,7 @@ def test_neither_checkpoints_nor_packing_nor_company_settle_to_other_bytes(
     assert [settled(late, SETTINGS, [p])[0] for p in PIPELINES] == kept
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(events=streams, data=st.data())
 def test_repeating_any_message_under_another_number_settles_to_the_same_bytes(
     events: list[Event], data: st.DataObject

@@ -1,0 +1,211 @@
+"""Filter ``map-pf``: MWPO, the floor-map-aided particle filter of [wang2015] section 5.
+
+It runs the fading-factor filter (:mod:`tickfix_filters.fading`) and observes its result. Particles walk with every
+tick; one that leaves the effective region of the map, or passes a wall on the way, has weight 0, eq. (24). At each fix
+the others are weighed by a Gaussian of their distance to the EKF's place, and drawn by auxiliary SIR,
+[arulampalam2002] algorithm 5: in proportion to how well they explain it *before* they are scattered, and weighed by
+what that got wrong.
+
+A map can also kill a filter: when every particle has died, or when the particles stay far from the EKF for several
+fixes in a row (one gross error is no reason), they begin anew around its place, where one can stand. How much a
+particle's walk differs from the measured one is not printed; these parameters are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, ClassVar, Final
+
+import numpy as np
+
+from tickfix.api import (
+    Belief,
+    Bools,
+    Fix,
+    Floats,
+    Motion,
+    Observation,
+    PredictUpdateFilter,
+    Preset,
+    Report,
+    Rng,
+    displacement,
+    frozen,
+    heading_of,
+    parameter,
+)
+from tickfix_filters.fading import Fading, FadingParams, begin, carry, correct, extrapolated, velocity
+from tickfix_filters.floors import OnFloor
+from tickfix_filters.resampling import normalised, systematic
+
+_TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
+
+
+@dataclass(frozen=True)
+class MapPfParams(FadingParams):
+    """Parameters of ``map-pf``."""
+
+    particles: Annotated[int, parameter("N", source="[wang2015] section 6.1", ge=2)] = 100
+    sigma_m: Annotated[float, parameter("σ of the EKF's place", unit="m", source="[wang2015] eq. (24)", gt=0)] = 1.0
+    diffusion_m: Annotated[
+        float, parameter("way per square root of a second that no step explains", unit="m/√s", gt=0)
+    ] = 0.4
+    scatter_m: Annotated[float, parameter("σ by which what was drawn is scattered", unit="m", gt=0)] = 0.3
+    walls: Annotated[bool, parameter("a particle that passes a wall has left the effective region")] = True
+    locked_out_m: Annotated[
+        float, parameter("particles this far from the EKF's place are locked out", unit="m", gt=0)
+    ] = 4.0
+    locked_out_fixes: Annotated[int, parameter("… when they are for so many fixes in a row", ge=1)] = 3
+
+
+@dataclass(frozen=True, slots=True)
+class MapParticles:
+    """N particles beside the EKF that they observe.
+
+    Attributes:
+        on: the floor all are on.
+        ekf: the fading-factor filter's state.
+        xy: (N, 2) metres.
+        log_weights: (N,), −inf for the dead; not all are.
+        away: fixes in a row at which the particles were far from the EKF's place.
+        died, locked_out: how often they began anew, and why.
+    """
+
+    on: OnFloor
+    ekf: Fading
+    xy: Floats
+    log_weights: Floats
+    away: int = 0
+    died: int = 0
+    locked_out: int = 0
+
+
+class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
+    """Few particles, held to the floor's map, around the place of a fading-factor Kalman filter."""
+
+    name = "map-pf"
+    source = "[wang2015] section 5, eqs. (23)–(24); [arulampalam2002] algorithm 5"
+    Params = MapPfParams
+    State = MapParticles
+    presets: ClassVar[Mapping[str, Preset]] = {
+        "wang2015": Preset(
+            source="[wang2015] sections 4.4, 5.2 and 6.1", values={"particles": 100, "sigma_m": 1.0, "delta_s_m": 3.0}
+        ),
+        "wang2015-50": Preset(
+            source="[wang2015] figure 17 and table 2", values={"particles": 50, "sigma_m": 1.0, "delta_s_m": 3.0}
+        ),
+    }
+
+    def begin(self, fix: Fix, rng: Rng) -> MapParticles:
+        """Step 1 of section 5.1: scatter the particles around the fix."""
+        ekf = begin(fix.xy, fix.covariance, self.params)
+        n = self.params.particles
+        return MapParticles(OnFloor(fix.floor), ekf, self._around(ekf, fix.floor, rng), frozen(np.zeros(n)))
+
+    def step(
+        self, state: MapParticles, motion: Motion, observations: Sequence[Observation], rng: Rng
+    ) -> tuple[MapParticles, Report]:
+        """Fold one tick, and say when the particles began anew."""
+        after, report = super().step(state, motion, observations, rng)
+        reasons = report.reasons
+        if after.died > state.died:
+            reasons += ("all particles died",)
+        if after.locked_out > state.locked_out:
+            reasons += ("the map had locked the particles out",)
+        return after, replace(report, reasons=reasons)
+
+    def predict(self, state: MapParticles, motion: Motion, rng: Rng) -> MapParticles:
+        """Step 2: let every particle walk."""
+        ekf = carry(state.ekf, motion)
+        dt = (motion.t1_ns - motion.t0_ns) * 1e-9
+        blind = motion.heading_rad is None
+        move = dt * velocity(ekf) if blind else displacement(motion.distance_m, motion.heading_rad or 0.0)
+        xy = state.xy + move + self.params.diffusion_m * math.sqrt(dt) * rng.standard_normal(state.xy.shape)
+        dead = self._outside(state.on.floor, state.xy, xy)
+        log_weights = np.where(dead, -np.inf, state.log_weights)  # eq. (24), first line
+        moved = replace(state, ekf=ekf, xy=frozen(xy), log_weights=frozen(log_weights))
+        return moved if np.isfinite(log_weights).any() else self._anew(replace(moved, died=state.died + 1), rng)
+
+    def update(self, state: MapParticles, fix: Fix, rng: Rng) -> tuple[MapParticles, Report]:
+        """Correct the EKF, then steps 3 to 5: weigh the particles by its place, and draw."""
+        on = state.on.observe(fix.floor)
+        if on.floor != state.on.floor:
+            begun = replace(self.begin(fix, rng), died=state.died, locked_out=state.locked_out)
+            return begun, Report(used=1, reasons=("changed floor",))
+        if fix.floor != on.floor:
+            return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
+        ekf, outcome = correct(state.ekf, fix.xy, fix.covariance, self.params)
+        report = Report(
+            used=int(outcome.used),
+            gated=int(not outcome.used),
+            innovation_m=float(np.hypot(*outcome.residual)),
+            gate=outcome.nis if outcome.used else None,
+            reasons=("go and back",) if outcome.go_and_back else (),
+        )
+        place, _ = extrapolated(ekf, self.params)
+        drawn = self._drawn(replace(state, on=on, ekf=ekf), place, rng)
+        off = place - normalised(drawn.log_weights) @ drawn.xy
+        away = state.away + 1 if float(np.hypot(*off)) > self.params.locked_out_m else 0
+        if away >= self.params.locked_out_fixes:
+            return self._anew(replace(drawn, locked_out=state.locked_out + 1), rng), report
+        return replace(drawn, away=away), report
+
+    def estimate(self, state: MapParticles) -> Belief:
+        """Step 6: the weighted mean of the particles, eq. (23)."""
+        w = normalised(state.log_weights)
+        centre = w @ state.xy
+        off = state.xy - centre
+        v = velocity(state.ekf)
+        heading = state.ekf.heading_rad
+        if heading is None and v.any():
+            heading = heading_of(v)
+        return Belief(
+            floor=state.on.floor,
+            xy=centre,
+            covariance=(w[:, None] * off).T @ off,
+            speed_mps=float(np.hypot(*v)),
+            heading_rad=heading,
+        )
+
+    def _drawn(self, state: MapParticles, place: Floats, rng: Rng) -> MapParticles:
+        """Return the particles drawn and weighed by the EKF's place (2,), by auxiliary SIR."""
+        explained = self._log_p(place, state.xy)
+        chosen = systematic(normalised(state.log_weights + explained), rng)  # first stage, by what is expected of each
+        mu = state.xy[chosen]
+        xy = mu + self.params.scatter_m * rng.standard_normal(mu.shape)
+        log_weights = self._log_p(place, xy) - explained[chosen]  # second stage: p(z|x)/p(z|μ)
+        log_weights[self._outside(state.on.floor, mu, xy)] = -np.inf  # eq. (24), first line
+        drawn = replace(state, xy=frozen(xy), log_weights=frozen(log_weights))
+        return drawn if np.isfinite(log_weights).any() else self._anew(replace(drawn, died=state.died + 1), rng)
+
+    def _log_p(self, place: Floats, xy: Floats) -> Floats:
+        """Return the logarithm (N,) of eq. (24), second line, without its constant factor."""
+        log_p: Floats = -((xy - place) ** 2).sum(axis=1) / (2.0 * self.params.sigma_m**2)
+        return log_p
+
+    def _outside(self, floor: str, before: Floats, xy: Floats) -> Bools:
+        """Tell which particles (N,) have left the effective region of the map."""
+        floor_map = self.context.maps.get(floor)
+        if floor_map is None:
+            return np.zeros(len(xy), dtype=np.bool_)
+        outside = ~floor_map.contains(xy)
+        return outside | floor_map.crosses(before, xy) if self.params.walls else outside
+
+    def _anew(self, state: MapParticles, rng: Rng) -> MapParticles:
+        """Return the particles scattered around where the EKF is now."""
+        xy = self._around(state.ekf, state.on.floor, rng)
+        return replace(state, xy=xy, log_weights=frozen(np.zeros(len(xy))), away=0)
+
+    def _around(self, ekf: Fading, floor: str, rng: Rng) -> Floats:
+        """Draw N places around the EKF's, those preferred where one can stand."""
+        place, covariance = extrapolated(ekf, self.params)
+        n = self.params.particles
+        sigma = math.sqrt(0.5 * float(np.trace(covariance)))
+        floor_map = self.context.maps.get(floor)
+        xy = place + sigma * rng.standard_normal((n if floor_map is None else _TRIES * n, 2))
+        if floor_map is None:
+            return frozen(xy)
+        free = xy[floor_map.contains(xy)]
+        return frozen(free[np.arange(n) % len(free)] if len(free) else floor_map.nearest_free(xy[:n]))
