@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +24,20 @@ HORIZON_S = 2.0
 SETTINGS = KernelSettings(horizon_s=HORIZON_S, strict=True)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Lab:
     """A site, its pipelines by name and the events of a walk in the order of their arrival."""
 
     pipelines: Mapping[str, Pipeline]
     events: tuple[Event, ...]
     start: Fix
+
+    def __repr__(self) -> str:
+        """Be short: hypothesis prints it with every counterexample."""
+        return "the lab"
+
+    def _repr_pretty_(self, printer: Any, _: bool) -> None:
+        printer.text("the lab")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

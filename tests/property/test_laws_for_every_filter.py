@@ -64,7 +64,7 @@ def test_splitting_batches_sensor_by_sensor_and_shuffling_the_parts_keeps_the_se
     same(whole, fold([lab.pipelines[name]], delayed(numbered(parts), seed)), lab, name)
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(seed=seeds)
 def test_other_pipelines_and_other_devices_change_no_bytes(lab: Lab, name: str, seed: int) -> None:
     device, events = lab.events[0].device, everything(lab)

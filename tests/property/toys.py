@@ -68,8 +68,9 @@ class ToyFingerprint:
 
     State = Chain
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: Window, *, redated: bool = False) -> None:
         self.window = window
+        self._redated = redated
 
     def start(self) -> Chain:
         return Chain()
@@ -78,7 +79,8 @@ class ToyFingerprint:
         parts = (window.transmitters, window.rssi_dbm, window.heard_ns, window.scan, window.scan_t_ns, window.source)
         state = state.on(window.t_ns, *parts)
         xy = np.array([state.number(0), state.number(1)])
-        fix = Fix(t_ns=window.t_ns, floor="F", xy=xy, covariance=np.eye(2)) if len(window) else None
+        shift_ns = round(4e9 * (state.number(2) - 0.5)) if self._redated else 0
+        fix = Fix(t_ns=window.t_ns + shift_ns, floor="F", xy=xy, covariance=np.eye(2)) if len(window) else None
         return state, Observation(t_ns=window.t_ns, source="toy", fix=fix)
 
 
@@ -110,7 +112,13 @@ def seen(fix: Fix | None) -> Any:
 
 
 def toy_pipeline(
-    name: str = "toy", *, window: Window | None = None, eager: bool = False, pdr: bool = True, fingerprint: bool = True
+    name: str = "toy",
+    *,
+    window: Window | None = None,
+    eager: bool = False,
+    pdr: bool = True,
+    fingerprint: bool = True,
+    redated: bool = False,
 ) -> Pipeline:
     """Return a pipeline of toys."""
     window = window or Window(sources=("wifi", "ble"))
@@ -118,7 +126,9 @@ def toy_pipeline(
         name,
         Stage("filter", "toy", f"filter {name}", ToyFilter(eager=eager)),
         Stage("pdr", "toy", "pdr", ToyPdr()) if pdr else None,
-        Stage("fingerprint", "toy", f"fingerprint {window}", ToyFingerprint(window)) if fingerprint else None,
+        Stage("fingerprint", "toy", f"fingerprint {window} {redated}", ToyFingerprint(window, redated=redated))
+        if fingerprint
+        else None,
     )
 
 
@@ -162,11 +172,22 @@ def _poisoned(state: Any, result: Any) -> tuple[Any, Any]:
     if isinstance(result, Observation):
         fix = Fix(t_ns=result.t_ns, floor="F1", xy=np.full(2, np.nan))
         return state, replace(result, fix=fix)
-    for field in fields(state):
-        value = getattr(state, field.name)
-        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-            return replace(state, **{field.name: np.full(value.shape, np.nan)}), result
-    raise AssertionError("no array to poison")
+    return with_nan(state), result
+
+
+def with_nan(value: Any) -> Any:
+    """Return a state with NaN in the first number that can hold it, however deep."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.size:
+        return np.full(value.shape, np.nan)
+    if isinstance(value, float):
+        return math.nan
+    if is_dataclass(value) and not isinstance(value, type):
+        for field in fields(value):
+            inner = getattr(value, field.name)
+            poisoned = with_nan(inner)
+            if poisoned is not inner:
+                return replace(value, **{field.name: poisoned})
+    return value
 
 
 def sabotaged(stage: Stage, fault: Fault) -> Stage:
