@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,8 @@ from tickfix.plugins import Registry, discover
 from tickfix.simulation import office_building, simulate_survey, simulate_walks
 from tickfix.site.survey import survey
 
+EFFORT = 30 if os.environ.get("TICKFIX_HYPOTHESIS") == "explore" else 1
+"""By how much more hypothesis tries when it is to look for something new."""
 HORIZON_S = 2.0
 SETTINGS = KernelSettings(horizon_s=HORIZON_S, strict=True)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lab import fold, numbered
+from lab import EFFORT, fold, numbered
 from toys import toy_pipeline
 
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Samples, Scan, Window
@@ -78,7 +78,7 @@ def settled(events: list[Event], used: KernelSettings = SETTINGS, pipelines: Any
     return [folded.settled_as("d", p.name) for p in pipelines]
 
 
-@settings(max_examples=100)
+@settings(max_examples=100 * EFFORT)
 @given(events=streams, data=st.data())
 def test_any_arrival_order_within_the_horizon_settles_to_the_same_bytes(
     events: list[Event], data: st.DataObject
@@ -88,7 +88,7 @@ def test_any_arrival_order_within_the_horizon_settles_to_the_same_bytes(
     assert settled(one) == settled(other)
 
 
-@settings(max_examples=60)
+@settings(max_examples=60 * EFFORT)
 @given(events=streams, data=st.data(), checkpoint_mb=st.sampled_from([1e-6, 1e-3, 0.01]))
 def test_neither_checkpoints_nor_packing_nor_company_settle_to_other_bytes(
     events: list[Event], data: st.DataObject, checkpoint_mb: float
@@ -99,7 +99,7 @@ def test_neither_checkpoints_nor_packing_nor_company_settle_to_other_bytes(
     assert [settled(late, SETTINGS, [p])[0] for p in PIPELINES] == kept
 
 
-@settings(max_examples=40)
+@settings(max_examples=40 * EFFORT)
 @given(events=streams, data=st.data())
 def test_repeating_any_message_under_another_number_settles_to_the_same_bytes(
     events: list[Event], data: st.DataObject
@@ -115,7 +115,7 @@ def test_repeating_any_message_under_another_number_settles_to_the_same_bytes(
 wild = st.integers(0, 2**62) | times.map(lambda ms: T0 + MS * ms) | st.integers(T0, T0 + 200_000 * MS)
 
 
-@settings(max_examples=60)
+@settings(max_examples=60 * EFFORT)
 @given(
     instants=st.lists(wild, min_size=1, max_size=30),
     kinds=st.lists(st.sampled_from(["motion", "wifi", "ble", "fix", "pressure"]), min_size=30, max_size=30),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lab import SETTINGS, Folded, Lab, delayed, fold, merged, numbered, split, without_truth
+from lab import EFFORT, SETTINGS, Folded, Lab, delayed, fold, merged, numbered, split, without_truth
 from toys import sabotaged
 
 from tickfix.api import TICK_NS, Event, PluginError, Status, Truth
@@ -64,7 +64,7 @@ def test_splitting_batches_sensor_by_sensor_and_shuffling_the_parts_keeps_the_se
     same(whole, fold([lab.pipelines[name]], delayed(numbered(parts), seed)), lab, name)
 
 
-@settings(max_examples=3)
+@settings(max_examples=3 * EFFORT)
 @given(seed=seeds)
 def test_other_pipelines_and_other_devices_change_no_bytes(lab: Lab, name: str, seed: int) -> None:
     device, events = lab.events[0].device, everything(lab)
@@ -80,7 +80,7 @@ def test_other_pipelines_and_other_devices_change_no_bytes(lab: Lab, name: str, 
     assert alone.said(device, name) == together.said(device, name)
 
 
-@settings(max_examples=4)
+@settings(max_examples=4 * EFFORT)
 @given(seed=seeds)
 def test_packing_and_unpacking_every_state_changes_no_bytes(lab: Lab, name: str, seed: int) -> None:
     device, events = lab.events[0].device, delayed(everything(lab), seed)
@@ -138,7 +138,7 @@ def at_some_ticks(what: str, share: float, seed: int) -> Callable[[str, int], st
 
 
 @pytest.mark.parametrize("kind", ["pdr", "fingerprint", "filter"])
-@settings(max_examples=3)
+@settings(max_examples=3 * EFFORT)
 @given(what=st.sampled_from(["raise", "nan", "type"]), share=st.sampled_from([0.05, 0.5, 1.0]), seed=seeds)
 def test_a_failing_stage_keeps_its_state_is_named_and_leaves_the_other_pipelines_alone(
     lab: Lab, name: str, kind: str, what: str, share: float, seed: int
