@@ -50,7 +50,10 @@ def unpack(data: bytes, like: type[T]) -> T:
         cls = known[name]
         return cls(**dict(zip((f.name for f in dataclasses.fields(cls)), values, strict=True)))
 
-    value = msgpack.unpackb(data, ext_hook=build, use_list=False, raw=False)
+    try:
+        value = msgpack.unpackb(data, ext_hook=build, use_list=False, raw=False)
+    except (TypeError, SyntaxError, msgpack.UnpackException) as error:
+        raise ValueError(f"found bytes that are no packed {like.__name__}: {error}") from error
     if not isinstance(value, like):
         raise ValueError(f"found a packed {type(value).__name__}, expected {like.__name__}")  # noqa: TRY004 - bad data
     return value

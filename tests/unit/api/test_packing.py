@@ -86,7 +86,7 @@ def test_broken_bytes_are_refused_or_make_some_other_state(data: Any) -> None:
         data = good[: at % len(good)] + bytes([byte]) + good[at % len(good) + 1 :]
     try:
         found = unpack(data, State)
-    except (ValueError, TypeError, SyntaxError):
+    except ValueError:
         return
     assert isinstance(found, State)
 
