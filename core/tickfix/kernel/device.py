@@ -10,9 +10,10 @@ from tickfix.api.events import TICK_NS, Event, Fix
 from tickfix.api.values import Estimate, Motion, Observation
 from tickfix.kernel.fold import Fold, earliest
 from tickfix.kernel.intake import Outcome
+from tickfix.kernel.measurements import Item
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.stages import Caller, Pipeline
-from tickfix.kernel.timeline import Item, Timeline
+from tickfix.kernel.timeline import Timeline
 from tickfix.kernel.tracker import (
     Carried,
     Moved,

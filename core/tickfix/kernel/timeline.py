@@ -7,39 +7,27 @@ one sample per instant: of two that differ, the smaller in lexicographic order s
 
 from __future__ import annotations
 
-from bisect import bisect_right, insort
+from bisect import insort
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
-from typing import Any, Final, NamedTuple, TypeAlias
+from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
-from tickfix.api.arrays import Floats
-from tickfix.api.events import SENSORS, TICK_NS, Event, Fix, MotionSamples, Pressure, Samples, Scan
+from tickfix.api.events import SENSORS, TICK_NS, Event, Fix, MotionSamples, Samples, Scan
 from tickfix.api.values import Readings, Window
 from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
 from tickfix.kernel.intake import Outcome
+from tickfix.kernel.measurements import Item, Row, explode, fix_order, rows_of, scan_order
+from tickfix.kernel.windows import RecentScans
 
 _ACTIVE_NS: Final = 1_000_000_000
 _MOTION: Final = frozenset(SENSORS) - {"pressure"}
-_WINDOW_NS: Final = 60_000_000_000
-"""The longest window of readings: scans are kept for so long, whatever is refolded."""
-
-Row: TypeAlias = tuple[float, ...]
 
 
 def tick_of(t_ns: int) -> int:
     """Return the tick that closes the interval holding ``t_ns``: the smallest k with k·200 ms ≥ t."""
     return -(-t_ns // TICK_NS)
-
-
-class Item(NamedTuple):
-    """A single measurement: a sensor's row, a scan or a fix."""
-
-    t_ns: int
-    stream: str
-    content: Any
 
 
 @dataclass(slots=True)
@@ -87,7 +75,7 @@ class Timeline:
         self._counts = counts
         self._clock = DeviceClock(horizon_ns, _MOTION)
         self._intervals: dict[int, Interval] = {}
-        self._scans: list[Scan] = []
+        self._scans = RecentScans()
         self.first: int | None = None
         self.closed: int | None = None
         self.changes = Changes()
@@ -170,23 +158,13 @@ class Timeline:
 
     def window(self, scan: Scan, window: Window) -> Readings:
         """Return the readings that ``window`` asks for, ending with ``scan``: each once, none over a minute old."""
-        oldest_ns = scan.t_ns - round(min(window.seconds * 1e9, _WINDOW_NS))
-        end = bisect_right(self._scans, _scan_order(scan), key=_scan_order)
-        scans: list[Scan] = []
-        for candidate in reversed(self._scans[:end]):
-            if candidate.t_ns < oldest_ns or len(scans) == window.scans:
-                break
-            if candidate.source == scan.source:
-                scans.append(candidate)
-        return _readings(scan, scans[::-1], oldest_ns)
+        return self._scans.window(scan, window)
 
     def forget(self, tick: int) -> None:
         """Drop what no tick from ``tick`` on can need."""
         for old in [k for k in self._intervals if k < tick]:
             del self._intervals[old]
-        oldest_ns = (tick - 1) * TICK_NS - _WINDOW_NS
-        while self._scans and self._scans[0].t_ns < oldest_ns:
-            del self._scans[0]
+        self._scans.forget_before((tick - 1) * TICK_NS)
 
     @property
     def _limit_ns(self) -> int | None:
@@ -216,7 +194,7 @@ class Timeline:
             if not np.isfinite(samples.values).all():
                 return False
         for name, samples in batch.sensors.items():
-            for t_ns, row in zip(samples.t_ns.tolist(), _rows(samples.values), strict=True):
+            for t_ns, row in zip(samples.t_ns.tolist(), rows_of(samples.values), strict=True):
                 self._insert(Item(t_ns, name, row))
         return True
 
@@ -258,85 +236,18 @@ class Timeline:
         return present is None
 
     def _insert_scan(self, interval: Interval, scan: Scan, tick: int) -> bool:
-        order = _scan_order(scan)
-        if any(_scan_order(present) == order for present in interval.scans):
+        order = scan_order(scan)
+        if any(scan_order(present) == order for present in interval.scans):
             return False
-        insort(interval.scans, scan, key=_scan_order)
-        insort(self._scans, scan, key=_scan_order)
+        insort(interval.scans, scan, key=scan_order)
+        self._scans.add(scan)
         self.changes.scans = tick if self.changes.scans is None else min(tick, self.changes.scans)
         return True
 
     def _insert_fix(self, interval: Interval, fix: Fix, tick: int) -> bool:
-        order = _fix_order(fix)
-        if any(_fix_order(present) == order for present in interval.fixes):
+        order = fix_order(fix)
+        if any(fix_order(present) == order for present in interval.fixes):
             return False
-        insort(interval.fixes, fix, key=_fix_order)
+        insort(interval.fixes, fix, key=fix_order)
         self.changes.fixes = tick if self.changes.fixes is None else min(tick, self.changes.fixes)
         return True
-
-
-def explode(event: Event, counts: Counter[str]) -> Iterable[Item]:
-    """Yield the single measurements of an event in their order; what is not finite or has no time is counted."""
-    if isinstance(event, MotionSamples):
-        items = []
-        for name, samples in event.sensors.items():
-            usable = np.isfinite(samples.values).all(axis=1) & (samples.t_ns >= 0)
-            counts["invalid"] += int(len(samples) - usable.sum())
-            rows = zip(samples.t_ns[usable].tolist(), _rows(samples.values[usable]), strict=True)
-            items += [Item(t_ns, name, row) for t_ns, row in rows]
-        yield from sorted(items)
-    elif isinstance(event, Pressure):
-        if event.t_ns >= 0 and np.isfinite(event.pressure_hpa):
-            yield Item(event.t_ns, "pressure", (float(event.pressure_hpa) + 0.0,))
-        else:
-            counts["invalid"] += 1
-    elif isinstance(event, Scan):
-        usable = np.isfinite(event.rssi_dbm) & (event.heard_ns >= 0) & (event.heard_ns <= event.t_ns)
-        counts["invalid readings"] += int(len(event) - usable.sum())
-        if event.t_ns < 0 or (len(event) and not usable.any()):
-            counts["invalid"] += 1
-            return
-        if not usable.all():
-            heard = tuple(t for t, ok in zip(event.transmitters, usable, strict=True) if ok)
-            event = replace(event, transmitters=heard, rssi_dbm=event.rssi_dbm[usable], heard_ns=event.heard_ns[usable])
-        yield Item(event.t_ns, f"scan {event.source}", event)
-    elif isinstance(event, Fix):
-        (a, b), (c, d) = event.covariance.tolist()
-        finite = np.isfinite(event.xy).all() and np.isfinite(event.covariance).all()
-        if event.t_ns >= 0 and finite and b == c and a > 0 and a * d - b * c > 0:
-            yield Item(event.t_ns, f"fix {event.source}", event)
-        else:
-            counts["invalid"] += 1
-
-
-def _rows(values: Floats) -> list[Row]:
-    """Return the rows (n, c) as tuples, with no negative zero: it would equal the positive one and differ in bits."""
-    return [tuple(row) for row in (values + 0.0).tolist()]
-
-
-def _scan_order(scan: Scan) -> tuple[Any, ...]:
-    # The number of the message is no part of it: a phone that restarts sends its queue again under new numbers.
-    return (scan.t_ns, scan.source, scan.transmitters, scan.rssi_dbm.tobytes(), scan.heard_ns.tobytes())
-
-
-def _fix_order(fix: Fix) -> tuple[Any, ...]:
-    return (fix.t_ns, fix.source, fix.floor, fix.xy.tobytes(), fix.covariance.tobytes())
-
-
-def _readings(newest: Scan, scans: list[Scan], oldest_ns: int) -> Readings:
-    found: dict[tuple[str, int], tuple[int, float]] = {}
-    for number, scan in enumerate(scans):
-        heard = zip(scan.transmitters, scan.heard_ns.tolist(), scan.rssi_dbm.tolist(), strict=True)
-        for transmitter, heard_ns, rssi_dbm in heard:
-            if heard_ns >= oldest_ns:
-                found.setdefault((transmitter, heard_ns), (number, rssi_dbm))
-    rows = sorted((number, heard_ns, name, rssi) for (name, heard_ns), (number, rssi) in found.items())
-    return Readings(
-        t_ns=newest.t_ns,
-        transmitters=tuple(row[2] for row in rows),
-        rssi_dbm=np.array([row[3] for row in rows], np.float64),
-        heard_ns=np.array([row[1] for row in rows], np.int64),
-        scan=np.array([row[0] for row in rows], np.int64),
-        scan_t_ns=tuple(scan.t_ns for scan in scans),
-        source=newest.source,
-    )
