@@ -1,6 +1,6 @@
 """The deterministic heart: order, ticks, rewinding, folding. It imports :mod:`tickfix.api` only."""
 
-from tickfix.kernel.device import Output
+from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.kernel import Kernel, KernelSettings
 from tickfix.kernel.stages import Failure, Pipeline, Stage

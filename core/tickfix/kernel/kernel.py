@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from tickfix.api.events import Event, Fix, Truth
-from tickfix.kernel.device import Device, Output
+from tickfix.kernel.device import Device
+from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.intake import Sequence as Numbers
 from tickfix.kernel.stages import Caller, Failure, Pipeline

@@ -1,0 +1,195 @@
+"""One epoch of one device under all pipelines: its folds, its published and its settled track."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from tickfix.api.events import TICK_NS, Fix
+from tickfix.api.values import Estimate, Motion, Observation
+from tickfix.kernel.fold import Fold, earliest
+from tickfix.kernel.randomness import Streams
+from tickfix.kernel.stages import Caller, Pipeline
+from tickfix.kernel.timeline import Timeline
+from tickfix.kernel.tracker import (
+    Carried,
+    Moved,
+    Observed,
+    Tracker,
+    external,
+    motion_step,
+    observation_step,
+    revised,
+)
+
+
+@dataclass(slots=True)
+class Output:
+    """What a run of the kernel says, each list in the order of ticks, and of pipelines within a tick.
+
+    Attributes:
+        published: estimates of ticks that closed, revision 0.
+        revised: estimates of ticks closed before, after late events.
+        settled: the last revision of ticks that nothing can change any more.
+        observations: what the fingerprints saw in those ticks, by the key of their stage.
+    """
+
+    published: list[Estimate] = field(default_factory=list)
+    revised: list[Estimate] = field(default_factory=list)
+    settled: list[Estimate] = field(default_factory=list)
+    observations: list[tuple[str, Observation]] = field(default_factory=list)
+
+
+class Epoch:
+    """One epoch of one device's clock: a timeline and what the stages make of it.
+
+    Args:
+        horizon_ns: how late an event may be.
+        checkpoint_bytes: memory for checkpoints.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        epoch: int,
+        pipelines: Sequence[Pipeline],
+        streams: Streams,
+        call: Caller,
+        counts: Counter[str],
+        *,
+        horizon_ns: int,
+        checkpoint_bytes: int,
+        known: Fix | None,
+    ) -> None:
+        """Build the folds: one per distinct pdr and fingerprint, one per pipeline."""
+        self.timeline = Timeline(horizon_ns, counts)
+        self._pipelines = pipelines
+        self._horizon = horizon_ns // TICK_NS
+        self._began: int | None = None
+        self._published: int | None = None
+        self._settled: int | None = None
+        self._revisions: dict[int, int] = {}
+        pdrs = {p.pdr.key: p.pdr for p in pipelines if p.pdr is not None}
+        fingerprints = {p.fingerprint.key: p.fingerprint for p in pipelines if p.fingerprint is not None}
+        budget = checkpoint_bytes // max(1, len(pdrs) + len(fingerprints) + len(pipelines))
+        sizes = {"horizon": self._horizon, "budget_bytes": budget}
+        self._motion: dict[str, Fold[object, Moved]] = {
+            key: Fold(lambda: None, motion_step(stage, self.timeline, call), **sizes) for key, stage in pdrs.items()
+        }
+        self._observations: dict[str, Fold[object, Observed]] = {
+            key: Fold(lambda: None, observation_step(stage, self.timeline, call), **sizes)
+            for key, stage in fingerprints.items()
+        }
+        self._beliefs: dict[str, Fold[Carried, Estimate]] = {}
+        for pipeline in pipelines:
+            tracker = Tracker(
+                device,
+                epoch,
+                pipeline,
+                streams,
+                call,
+                known=known,
+                first=lambda: self._began,
+                moved=lambda tick, p=pipeline: self._moved(p, tick),  # type: ignore[misc]
+                observed=lambda tick, p=pipeline: self._observed(p, tick),  # type: ignore[misc]
+            )
+            self._beliefs[pipeline.name] = Fold(Carried, tracker.step, **sizes)
+
+    def run(self, tick: int | None, output: Output) -> None:
+        """Close the ticks up to ``tick`` (None: none yet), fold what is new or late, and say what came of it."""
+        first = self.timeline.first
+        if tick is None or first is None or tick < first:
+            return
+        changed = self._rewind(first)
+        if self._published is not None and changed is not None and changed <= self._published:
+            for k in range(changed, self._published + 1):
+                self._revisions[k] = self._revisions.get(k, 0) + 1
+            self._fold(self._published)
+            output.revised += self._estimates(changed, self._published)
+        for k in range(first if self._published is None else self._published + 1, tick + 1):
+            self.timeline.close(k)
+            self._fold(k)
+            output.published += self._estimates(k, k)
+            self._published = k
+            self._revisions.setdefault(k, 0)
+        self._settle(tick - self._horizon - 1, output)
+
+    def finish(self, output: Output) -> None:
+        """Close and settle everything."""
+        self.timeline.finish()
+        newest = self.timeline.newest
+        self.run(newest, output)
+        if self._published is not None:
+            self._settle(self._published, output)
+
+    @property
+    def published(self) -> int | None:
+        """The newest tick that was published."""
+        return self._published
+
+    def _folds(self) -> list[Fold[object, Moved] | Fold[object, Observed] | Fold[Carried, Estimate]]:
+        return [*self._motion.values(), *self._observations.values(), *self._beliefs.values()]
+
+    def _rewind(self, first: int) -> int | None:
+        """Take the timeline's changes into account; return the earliest tick that has to be folded again, if any."""
+        changes = self.timeline.changes
+        motion, scans, fixes = changes.motion, changes.scans, changes.fixes
+        changes.motion = changes.scans = changes.fixes = None
+        if self._began is None or first < self._began:
+            self._began = first
+            for fold in self._folds():
+                fold.begin(first)
+            return first
+        # A scan also stands in the windows of the scans after it, which are folded again with it.
+        for folds, since in ((self._motion, motion), (self._observations, scans)):
+            if since is not None:
+                for fold in folds.values():
+                    fold.rewind(since)
+        changed = earliest(motion if self._motion else None, scans if self._observations else None, fixes)
+        # Ages of motion are told of every pipeline, so that even one without pdr is folded again.
+        if changed is not None:
+            for belief in self._beliefs.values():
+                belief.rewind(changed)
+        return changed
+
+    def _fold(self, tick: int) -> None:
+        for fold in self._folds():
+            fold.advance(tick)
+
+    def _moved(self, pipeline: Pipeline, tick: int) -> Moved:
+        if pipeline.pdr is None:
+            return Moved(Motion.unknown((tick - 1) * TICK_NS, tick * TICK_NS))
+        return self._motion[pipeline.pdr.key].outputs[tick]
+
+    def _observed(self, pipeline: Pipeline, tick: int) -> Observed:
+        fixes = self.timeline.fixes(tick)
+        own = Observed() if pipeline.fingerprint is None else self._observations[pipeline.fingerprint.key].outputs[tick]
+        if not fixes:
+            return own
+        return Observed(own.observations + tuple(external(fix) for fix in fixes), own.failure)
+
+    def _estimates(self, first: int, last: int) -> list[Estimate]:
+        return [
+            revised(self._beliefs[p.name].outputs[k], self._revisions.get(k, 0))
+            for k in range(first, last + 1)
+            for p in self._pipelines
+        ]
+
+    def _settle(self, tick: int, output: Output) -> None:
+        if self._began is None:
+            return
+        start = self._began if self._settled is None else self._settled + 1
+        if tick < start:
+            return
+        output.settled += self._estimates(start, tick)
+        for key, observed in self._observations.items():
+            for k in range(start, tick + 1):
+                output.observations += [(key, observation) for observation in observed.outputs[k].observations]
+        self._settled = tick
+        again = min(fold.forget(tick + 1) for fold in self._folds())
+        for fold in self._folds():
+            fold.drop_outputs(min(again, tick + 1))
+        self.timeline.forget(again)
+        for k in [k for k in self._revisions if k <= tick]:
+            del self._revisions[k]
