@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -16,7 +16,7 @@ import numpy as np
 from tickfix import config
 from tickfix.api import Context, Estimate, Event, Fix, MotionSamples, Samples, Truth
 from tickfix.evaluation.track import Track, digest
-from tickfix.kernel import Kernel, KernelSettings, Outcome, Pipeline
+from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Pipeline
 from tickfix.plugins import Registry, discover
 from tickfix.simulation import office_building, simulate_survey, simulate_walks
 from tickfix.site.survey import survey
@@ -113,16 +113,26 @@ def fold(
     starts: Mapping[str, Fix] = MappingProxyType({}),
     *,
     finish: bool = True,
+    restarts: Collection[int] = (),
 ) -> Folded:
-    """Feed events one by one, running the kernel after each, as a driver does."""
-    kernel = Kernel(tuple(pipelines), settings, starts=starts)
+    """Feed events one by one, running the kernel after each, as a driver does.
+
+    After the events numbered in ``restarts`` another kernel goes on from the bytes of a snapshot.
+    """
+    pipelines = tuple(pipelines)
+    kernel = Kernel(pipelines, settings, starts=starts)
     published: dict[tuple[str, str], list[Estimate]] = {}
     settled: dict[tuple[str, str], list[Estimate]] = {}
     revised: dict[tuple[str, str], list[Estimate]] = {}
     outcomes, outputs = [], []
-    for event in events:
+    for number, event in enumerate(events):
         outcomes.append(kernel.feed(event))
         outputs.append(kernel.run(event.device))
+        if number in restarts:
+            data = kernel.snapshot().packed()
+            kernel = Kernel(pipelines, settings, starts=starts)
+            kernel.restore(KernelSnapshot.unpacked(data))
+            assert kernel.snapshot().packed() == data
     if finish:
         outputs += [kernel.finish(device) for device in kernel.devices]
     for output in outputs:

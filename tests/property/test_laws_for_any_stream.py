@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lab import EFFORT, fold, numbered
+from lab import EFFORT, Folded, fold, numbered, track_digest
 from toys import toy_pipeline
 
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Samples, Scan, Window
@@ -146,3 +146,46 @@ def test_whatever_the_times_every_message_has_one_outcome_and_ticks_are_publishe
         instants_settled = [(e.epoch, e.tick) for e in track]
         assert instants_settled == sorted(set(instants_settled))
         assert set(instants_settled) >= {(e.epoch, e.tick) for e in folded.published[key]}
+
+
+@settings(max_examples=80 * EFFORT)
+@given(events=streams, data=st.data(), checkpoint_mb=st.sampled_from([1e-6, 1e-3, 8.0]))
+def test_going_on_from_a_snapshot_says_the_same_bytes(
+    events: list[Event], data: st.DataObject, checkpoint_mb: float
+) -> None:
+    late = numbered(arrived(events, data.draw(st.lists(delays, min_size=len(events), max_size=len(events)))))
+    restarts = data.draw(st.sets(st.integers(0, len(late) - 1), max_size=3))
+    used = replace(SETTINGS, checkpoint_mb=checkpoint_mb)
+    through, restarted = fold(PIPELINES, late, used), fold(PIPELINES, late, used, restarts=restarts)
+    assert same_tracks(through, restarted)
+
+
+@settings(max_examples=60 * EFFORT)
+@given(
+    instants=st.lists(wild, min_size=1, max_size=30),
+    sources=st.lists(st.sampled_from(["wifi", "ble"]), min_size=30, max_size=30),
+    data=st.data(),
+)
+def test_a_snapshot_remembers_what_is_held(instants: list[int], sources: list[str], data: st.DataObject) -> None:
+    events: list[Event] = []
+    for n, t_ns in enumerate(instants):
+        if n % 2:
+            rows = Samples(np.array([t_ns]), np.full((1, 3), float(n)))
+            events.append(MotionSamples(sensors={"gyroscope": rows}, device="d"))
+        else:
+            heard, rssi = np.array([t_ns]), np.array([-50.0])
+            events.append(Scan(transmitters=("a",), rssi_dbm=rssi, heard_ns=heard, source=sources[n], device="d"))
+    restarts = data.draw(st.sets(st.integers(0, len(events) - 1), max_size=3))
+    through, restarted = fold(PIPELINES, events, SETTINGS), fold(PIPELINES, events, SETTINGS, restarts=restarts)
+    assert same_tracks(through, restarted)
+
+
+def same_tracks(one: Folded, other: Folded) -> bool:
+    """Tell whether all that was said and counted is the same, bit for bit."""
+    tracks = [
+        {key: [(e.revision, track_digest([e])) for e in track] for key, track in found.items()}
+        for folded in (one, other)
+        for found in (folded.published, folded.revised, folded.settled)
+    ]
+    counted = [(f.outcomes, f.intake, f.measurements, f.failures) for f in (one, other)]
+    return tracks[:3] == tracks[3:] and counted[0] == counted[1]

@@ -99,6 +99,18 @@ def test_thinning_checkpoints_changes_no_bytes(lab: Lab, name: str, seed: int, c
     assert kept.said(device, name) == thinned.said(device, name)
 
 
+@settings(max_examples=4 * EFFORT)
+@given(seed=seeds, checkpoint_mb=st.sampled_from([0.001, 8.0]))
+def test_going_on_from_snapshots_changes_no_bytes(lab: Lab, name: str, seed: int, checkpoint_mb: float) -> None:
+    device, events = lab.events[0].device, delayed(everything(lab), seed)
+    restarts = set(np.random.default_rng(seed).integers(0, len(events), 3).tolist())
+    used = replace(SETTINGS, checkpoint_mb=checkpoint_mb)
+    through = fold([lab.pipelines[name]], events, used)
+    restarted = fold([lab.pipelines[name]], events, used, restarts=restarts)
+    same(through, restarted, lab, name)
+    assert through.said(device, name) == restarted.said(device, name)
+
+
 @given(seed=seeds)
 def test_truth_changes_no_bytes(lab: Lab, name: str, seed: int) -> None:
     device, rng = lab.events[0].device, np.random.default_rng(seed)

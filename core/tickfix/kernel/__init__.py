@@ -3,6 +3,7 @@
 from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.kernel import Kernel, KernelSettings
+from tickfix.kernel.snapshot import KernelSnapshot
 from tickfix.kernel.stages import Failure, Pipeline, Stage
 
-__all__ = ["Failure", "Kernel", "KernelSettings", "Outcome", "Output", "Pipeline", "Stage"]
+__all__ = ["Failure", "Kernel", "KernelSettings", "KernelSnapshot", "Outcome", "Output", "Pipeline", "Stage"]

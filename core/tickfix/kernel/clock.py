@@ -18,7 +18,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Any, Final
+from typing import Final
+
+from tickfix.api.events import Fix, Scan
+from tickfix.kernel.measurements import Item
+from tickfix.kernel.snapshot import ClockSnapshot, HeldSnapshot, VotesSnapshot
 
 LEAP_NS: Final = 60_000_000_000
 """A jump ahead by more than this is not a gap but a new epoch."""
@@ -41,11 +45,11 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A sample that waits for others to confirm its time; ``item`` is the caller's."""
+    """A sample that waits for others to confirm its time."""
 
     t_ns: int
     stream: str
-    item: Any
+    item: Item
     ahead: bool
 
 
@@ -166,6 +170,29 @@ class DeviceClock:
         """How many samples are held."""
         return len(self._held)
 
+    def snapshot(self) -> ClockSnapshot:
+        """Return what the clock has shown, as a value."""
+        sides = {id(held): side for side, votes in self._votes.items() for held in votes.held}
+        return ClockSnapshot(
+            latest_ns=self.latest_ns,
+            last_ns=tuple(self.last_ns.items()),
+            held=tuple(_kept(held, sides.get(id(held))) for held in self._held),
+            votes=tuple(VotesSnapshot(side, v.oldest_ns, v.newest_ns) for side, v in self._votes.items()),
+        )
+
+    def restore(self, kept: ClockSnapshot) -> None:
+        """Become what ``kept`` says."""
+        self.latest_ns, self.last_ns = kept.latest_ns, dict(kept.last_ns)
+        self._votes = {votes.side: Votes([], votes.oldest_ns, votes.newest_ns) for votes in kept.votes}
+        for waiting in kept.held:
+            content = next(c for c in (waiting.scan, waiting.fix, waiting.row) if c is not None)
+            item = Item(waiting.t_ns, waiting.stream, content)
+            held = Held(waiting.t_ns, waiting.stream, item, waiting.ahead)
+            self._held.append(held)
+            if waiting.side is not None:
+                self._votes[waiting.side].held.append(held)
+        self._held_ahead_from_ns = min((h.t_ns for h in self._held if h.ahead), default=None)
+
     def _side(self, held: Held) -> tuple[bool, bool]:
         assert self.latest_ns is not None  # noqa: S101 - nothing is held before something was followed
         return held.ahead, held.ahead and held.t_ns > self.latest_ns + LEAP_NS
@@ -177,3 +204,16 @@ class DeviceClock:
         for votes in self._votes.values():
             votes.held = [h for h in votes.held if id(h) not in gone]
         return sorted(taken, key=lambda h: (h.t_ns, h.stream))
+
+
+def _kept(held: Held, side: tuple[bool, bool] | None) -> HeldSnapshot:
+    content = held.item.content
+    return HeldSnapshot(
+        t_ns=held.t_ns,
+        stream=held.stream,
+        row=content if isinstance(content, tuple) else (),
+        scan=content if isinstance(content, Scan) else None,
+        fix=content if isinstance(content, Fix) else None,
+        ahead=held.ahead,
+        side=side,
+    )

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from tickfix.api.events import Event, Fix
+from tickfix.api.events import Event, Fix, Scan
+from tickfix.api.values import Readings
 from tickfix.kernel.epoch import Epoch, Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.measurements import Item
 from tickfix.kernel.randomness import Streams
-from tickfix.kernel.stages import Caller, Pipeline
+from tickfix.kernel.snapshot import DeviceSnapshot
+from tickfix.kernel.stages import Caller, Pipeline, Stage
 
 
 class Device:
@@ -27,8 +29,9 @@ class Device:
         horizon_ns: int,
         checkpoint_bytes: int,
         known: Fix | None = None,
+        number: int = 0,
     ) -> None:
-        """Begin with nothing measured."""
+        """Begin with nothing measured, in epoch ``number``."""
         self._device = device
         self._pipelines = pipelines
         self._call = call
@@ -37,7 +40,7 @@ class Device:
         self._horizon_ns = horizon_ns
         self._checkpoint_bytes = checkpoint_bytes
         self._pending = Output()
-        self._number = 0
+        self._number = number
         self._epoch = self._begin(known)
 
     def feed(self, event: Event) -> Outcome:
@@ -66,6 +69,28 @@ class Device:
         output, self._pending = self._pending, Output()
         self._epoch.finish(output)
         return output
+
+    def questions(self, scan: Scan) -> list[tuple[Stage, object, Readings]]:
+        """Return what the fingerprints would be asked if ``scan`` were folded now: stage, state and window."""
+        return self._epoch.questions(scan)
+
+    @property
+    def number(self) -> int:
+        """The number of the epoch that the clock is in."""
+        return self._number
+
+    def snapshot(self) -> DeviceSnapshot:
+        """Return the device as a value; :meth:`run` must have followed the last :meth:`feed`."""
+        if self._pending != Output():
+            raise RuntimeError(f"{self._device}: a snapshot was asked for while estimates wait to be said")
+        return DeviceSnapshot(self._device, self._number, self._epoch.snapshot())
+
+    def restore(self, kept: DeviceSnapshot) -> None:
+        """Become what ``kept`` says."""
+        self._number = kept.number
+        if kept.number:
+            self._epoch = self._begin(None)
+        self._epoch.restore(kept.epoch)
 
     def _begin(self, known: Fix | None) -> Epoch:
         return Epoch(

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
-from tickfix.api.events import TICK_NS, Fix
-from tickfix.api.values import Estimate, Motion, Observation
+from tickfix.api.events import TICK_NS, Fix, Scan
+from tickfix.api.values import Estimate, Motion, Observation, Readings
 from tickfix.kernel.fold import Fold, earliest
+from tickfix.kernel.moving import MotionFold, Moved
+from tickfix.kernel.observing import ObservationFold, Observed, Sighted
 from tickfix.kernel.randomness import Streams
-from tickfix.kernel.stages import Caller, Pipeline
+from tickfix.kernel.snapshot import EpochSnapshot, FoldSnapshot
+from tickfix.kernel.stages import Caller, Pipeline, Stage
 from tickfix.kernel.timeline import Timeline
-from tickfix.kernel.tracker import (
-    Carried,
-    Moved,
-    Observed,
-    Tracker,
-    external,
-    motion_step,
-    observation_step,
-    revised,
-)
+from tickfix.kernel.tracker import Carried, Tracker, external, revised
+
+S = TypeVar("S")
+O = TypeVar("O")  # noqa: E741 - output
 
 
 @dataclass(slots=True)
@@ -74,12 +72,14 @@ class Epoch:
         fingerprints = {p.fingerprint.key: p.fingerprint for p in pipelines if p.fingerprint is not None}
         budget = checkpoint_bytes // max(1, len(pdrs) + len(fingerprints) + len(pipelines))
         sizes = {"horizon": self._horizon, "budget_bytes": budget}
+        self._moving = {key: MotionFold(stage, self.timeline, call) for key, stage in pdrs.items()}
+        self._observing = {key: ObservationFold(stage, self.timeline, call) for key, stage in fingerprints.items()}
+        self._tracking: dict[str, Tracker] = {}
         self._motion: dict[str, Fold[object, Moved]] = {
-            key: Fold(lambda: None, motion_step(stage, self.timeline, call), **sizes) for key, stage in pdrs.items()
+            key: Fold(lambda: None, moving.step, **sizes) for key, moving in self._moving.items()
         }
-        self._observations: dict[str, Fold[object, Observed]] = {
-            key: Fold(lambda: None, observation_step(stage, self.timeline, call), **sizes)
-            for key, stage in fingerprints.items()
+        self._observations: dict[str, Fold[Sighted, Observed]] = {
+            key: Fold(Sighted, observing.step, **sizes) for key, observing in self._observing.items()
         }
         self._beliefs: dict[str, Fold[Carried, Estimate]] = {}
         for pipeline in pipelines:
@@ -94,6 +94,7 @@ class Epoch:
                 moved=lambda tick, p=pipeline: self._moved(p, tick),  # type: ignore[misc]
                 observed=lambda tick, p=pipeline: self._observed(p, tick),  # type: ignore[misc]
             )
+            self._tracking[pipeline.name] = tracker
             self._beliefs[pipeline.name] = Fold(Carried, tracker.step, **sizes)
 
     def run(self, tick: int | None, output: Output) -> None:
@@ -128,7 +129,48 @@ class Epoch:
         """The newest tick that was published."""
         return self._published
 
-    def _folds(self) -> list[Fold[object, Moved] | Fold[object, Observed] | Fold[Carried, Estimate]]:
+    def questions(self, scan: Scan) -> list[tuple[Stage, object, Readings]]:
+        """Return what the fingerprints would be asked if ``scan`` were folded now: stage, state and window."""
+        asked = [
+            observing.question(self._observations[key].newest or Sighted(), scan)
+            for key, observing in self._observing.items()
+        ]
+        return [question for question in asked if question is not None]
+
+    def snapshot(self) -> EpochSnapshot:
+        """Return the epoch as a value; whatever was fed must have been run."""
+        folds: list[FoldSnapshot] = []
+        if self._began is not None:
+            folds += [moving.snapshot(*self._motion[key].oldest) for key, moving in self._moving.items()]
+            folds += [observing.snapshot(*self._observations[key].oldest) for key, observing in self._observing.items()]
+            folds += [tracker.snapshot(*self._beliefs[name].oldest) for name, tracker in self._tracking.items()]
+        return EpochSnapshot(
+            timeline=self.timeline.snapshot(),
+            began=self._began,
+            published=self._published,
+            settled=self._settled,
+            revisions=tuple(self._revisions.items()),
+            folds=tuple(folds),
+        )
+
+    def restore(self, kept: EpochSnapshot) -> None:
+        """Become what ``kept`` says; a stage that it does not know begins with the oldest tick that is known."""
+        self.timeline.restore(kept.timeline)
+        self._began, self._published, self._settled = kept.began, kept.published, kept.settled
+        self._revisions = dict(kept.revisions)
+        if kept.began is None or kept.published is None:
+            return
+        known = {fold.key: fold for fold in kept.folds}
+        oldest = min((fold.tick for fold in kept.folds), default=kept.began - 1)
+        for key, moving in self._moving.items():
+            _restore(self._motion[key], known.get(key), moving.restored, oldest)
+        for key, observing in self._observing.items():
+            _restore(self._observations[key], known.get(key), observing.restored, oldest)
+        for name, tracker in self._tracking.items():
+            _restore(self._beliefs[name], known.get(tracker.key), tracker.restored, oldest)
+        self._fold(kept.published)
+
+    def _folds(self) -> list[Fold[object, Moved] | Fold[Sighted, Observed] | Fold[Carried, Estimate]]:
         return [*self._motion.values(), *self._observations.values(), *self._beliefs.values()]
 
     def _rewind(self, first: int) -> int | None:
@@ -187,9 +229,18 @@ class Epoch:
             for k in range(start, tick + 1):
                 output.observations += [(key, observation) for observation in observed.outputs[k].observations]
         self._settled = tick
-        again = min(fold.forget(tick + 1) for fold in self._folds())
+        # No fold forgets what another one's oldest checkpoint needs to go on from: a snapshot keeps nothing else.
+        again = min(fold.again(tick + 1) for fold in self._folds())
+        again = min(fold.forget(again) for fold in self._folds())
         for fold in self._folds():
             fold.drop_outputs(min(again, tick + 1))
         self.timeline.forget(again)
         for k in [k for k in self._revisions if k <= tick]:
             del self._revisions[k]
+
+
+def _restore(fold: Fold[S, O], kept: FoldSnapshot | None, restored: Callable[[FoldSnapshot], S], oldest: int) -> None:
+    if kept is None:
+        fold.begin(oldest + 1)
+    else:
+        fold.resume(kept.tick, restored(kept))

@@ -44,9 +44,18 @@ class Fold(Generic[S, O]):
 
     def begin(self, tick: int) -> None:
         """Start anew, ``tick`` being the first to fold."""
+        self.resume(tick - 1, self._start())
+
+    def resume(self, tick: int, state: S) -> None:
+        """Go on from the state after ``tick``."""
         self.outputs.clear()
-        self._checkpoints = {tick - 1: self._start()}
-        self.upto = tick - 1
+        self._checkpoints = {tick: state}
+        self.upto = tick
+
+    @property
+    def oldest(self) -> tuple[int, S]:
+        """The oldest checkpoint: its tick and the state after it."""
+        return next(iter(self._checkpoints.items()))
 
     def rewind(self, tick: int) -> None:
         """Forget ``tick`` and all after it, back to the checkpoint before it."""
@@ -71,12 +80,21 @@ class Fold(Generic[S, O]):
             self.upto = k
         self._thin(state)
 
+    @property
+    def newest(self) -> S | None:
+        """The state after the newest tick folded, None before the first."""
+        return None if self.upto is None else self._checkpoints[self.upto]
+
+    def again(self, tick: int) -> int:
+        """Return the first tick to fold again after a rewind to ``tick``."""
+        return max((k for k in self._checkpoints if k < tick), default=min(self._checkpoints)) + 1
+
     def forget(self, tick: int) -> int:
         """Drop checkpoints that no rewind to ``tick`` or later needs; return the first tick to fold again."""
-        oldest = max((k for k in self._checkpoints if k < tick), default=min(self._checkpoints))
-        for k in [k for k in self._checkpoints if k < oldest]:
+        again = self.again(tick)
+        for k in [k for k in self._checkpoints if k < again - 1]:
             del self._checkpoints[k]
-        return oldest + 1
+        return again
 
     def drop_outputs(self, tick: int) -> None:
         """Drop the outputs before ``tick``."""

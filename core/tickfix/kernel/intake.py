@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
 
@@ -26,24 +27,29 @@ class Outcome(StrEnum):
 
 
 _REMEMBERED: Final = 4096
+_LEAP: Final = 1_000_000
 
 
 class Sequence:
     """Recognises duplicates among a session's numbered messages, in whatever order they come.
 
     It remembers which numbers below the highest are missing; a number that is neither missing nor new was seen before.
-    Numbers more than 4096 below the highest count as seen.
+    Numbers more than 4096 below the highest count as seen. A session may start anywhere, but a number that later
+    leaps by over a million is not believed: it counts as new and changes nothing, for else all after it would count as
+    seen.
     """
 
     __slots__ = ("_highest", "_missing")
 
-    def __init__(self) -> None:
-        """Begin with nothing seen."""
-        self._highest = 0
-        self._missing: dict[int, None] = {}
+    def __init__(self, highest: int = 0, missing: Iterable[int] = ()) -> None:
+        """Begin with what was seen."""
+        self._highest = highest
+        self._missing: dict[int, None] = dict.fromkeys(missing)
 
     def is_new(self, seq: int) -> bool:
         """Take note of ``seq``, counted from 1, and tell whether it comes for the first time."""
+        if self._highest and seq > self._highest + _LEAP:
+            return True
         if seq > self._highest:
             self._missing.update(dict.fromkeys(range(max(self._highest + 1, seq - _REMEMBERED), seq)))
             self._highest = seq
@@ -53,6 +59,11 @@ class Sequence:
         return self._missing.pop(seq, seq) is None
 
     @property
-    def missing(self) -> int:
-        """How many numbers are missing among the last ones."""
-        return len(self._missing)
+    def highest(self) -> int:
+        """The highest number seen."""
+        return self._highest
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """The numbers that are missing among the last ones."""
+        return tuple(self._missing)

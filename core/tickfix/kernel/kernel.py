@@ -11,12 +11,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from tickfix.api.events import Event, Fix, Truth
+import numpy as np
+
+from tickfix.api.events import Event, Fix, Scan, Truth
+from tickfix.api.values import Readings
 from tickfix.kernel.device import Device
 from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.intake import Sequence as Numbers
-from tickfix.kernel.stages import Caller, Failure, Pipeline
+from tickfix.kernel.snapshot import KernelSnapshot, SessionSnapshot
+from tickfix.kernel.stages import Caller, Failure, Pipeline, Stage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,6 +43,7 @@ class KernelSettings:
 
 
 _SESSIONS = 16
+_RETIRED = 65_536
 
 
 class Kernel:
@@ -65,6 +70,7 @@ class Kernel:
         self._on_failure = on_failure
         self._devices: dict[str, Device] = {}
         self._numbers: dict[str, dict[str, Numbers]] = {}
+        self._retired: dict[str, int] = {}
         self._call = Caller(self._failed, strict=self._settings.strict, repack=self._settings.repack)
         self.intake: Counter[str] = Counter()
         self.measurements: Counter[str] = Counter()
@@ -81,10 +87,68 @@ class Kernel:
         return self._devices[device].run(tick) if device in self._devices else Output()
 
     def finish(self, device: str) -> Output:
-        """Nothing more will come from this device: fold and settle everything, and forget it."""
+        """Nothing more is expected from this device: fold and settle everything, and forget its past.
+
+        Its message numbers are remembered, and should it come back, a new epoch begins: no tick is said twice.
+        """
         known = self._devices.pop(device, None)
-        self._numbers.pop(device, None)
-        return Output() if known is None else known.finish()
+        if known is None:
+            return Output()
+        self._retired[device] = known.number + 1
+        while len(self._retired) > _RETIRED:
+            oldest = next(iter(self._retired))
+            del self._retired[oldest]
+            self._numbers.pop(oldest, None)
+        return known.finish()
+
+    def questions(self, scan: Scan) -> list[tuple[Stage, object, Readings]]:
+        """Return what the fingerprints would be asked if ``scan`` were folded now: stage, state and window.
+
+        A driver may compute the answers elsewhere beforehand; they are pure functions of what is returned here.
+        """
+        return self._devices[scan.device].questions(scan) if scan.device in self._devices else []
+
+    def snapshot(self) -> KernelSnapshot:
+        """Return the kernel as a value; every device must have been run since it was fed."""
+        return KernelSnapshot(
+            seed=self._settings.seed,
+            horizon_s=self._settings.horizon_s,
+            devices=tuple(device.snapshot() for device in self._devices.values()),
+            sessions=tuple(
+                SessionSnapshot(device, session, numbers.highest, np.array(numbers.missing, np.int64))
+                for device, sessions in self._numbers.items()
+                for session, numbers in sessions.items()
+            ),
+            retired=tuple(self._retired.items()),
+            intake=tuple(self.intake.items()),
+            measurements=tuple(self.measurements.items()),
+            failures=tuple(self.failures.items()),
+        )
+
+    def restore(self, kept: KernelSnapshot) -> None:
+        """Become what ``kept`` says; pipelines may be others than then, those that are new begin where they can.
+
+        Raises:
+            ValueError: when seed or horizon are others than then: what follows would be too.
+        """
+        for name in ("seed", "horizon_s"):
+            then, now = getattr(kept, name), getattr(self._settings, name)
+            if then != now:
+                raise ValueError(f"{name}: found {now}, the snapshot was taken with {then}")
+        for found in kept.devices:
+            self._devices[found.device] = self._begin(found.device, found.number)
+            self._devices[found.device].restore(found)
+        for seen in kept.sessions:
+            numbers = Numbers(seen.highest, seen.missing.tolist())
+            self._numbers.setdefault(seen.device, {})[seen.session] = numbers
+        self._retired = dict(kept.retired)
+        for counter, counts in (
+            (self.intake, kept.intake),
+            (self.measurements, kept.measurements),
+            (self.failures, kept.failures),
+        ):
+            counter.clear()  # what was folded again is not counted again
+            counter.update(dict(counts))
 
     @property
     def devices(self) -> tuple[str, ...]:
@@ -103,17 +167,22 @@ class Kernel:
                 return Outcome.DUPLICATE
         device = self._devices.get(event.device)
         if device is None:
-            device = self._devices[event.device] = Device(
-                event.device,
-                self._pipelines,
-                self._call,
-                self.measurements,
-                seed=self._settings.seed,
-                horizon_ns=round(self._settings.horizon_s * 1e9),
-                checkpoint_bytes=round(self._settings.checkpoint_mb * 2**20),
-                known=self._starts.get(event.device),
-            )
+            number = self._retired.pop(event.device, 0)
+            device = self._devices[event.device] = self._begin(event.device, number)
         return device.feed(event)
+
+    def _begin(self, device: str, number: int) -> Device:
+        return Device(
+            device,
+            self._pipelines,
+            self._call,
+            self.measurements,
+            seed=self._settings.seed,
+            horizon_ns=round(self._settings.horizon_s * 1e9),
+            checkpoint_bytes=round(self._settings.checkpoint_mb * 2**20),
+            known=None if number else self._starts.get(device),
+            number=number,
+        )
 
     def _failed(self, failure: Failure) -> None:
         self.failures[str(failure)] += 1

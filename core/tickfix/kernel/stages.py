@@ -46,6 +46,11 @@ class Pipeline:
     pdr: Stage | None = None
     fingerprint: Stage | None = None
 
+    @property
+    def key(self) -> str:
+        """Equal for pipelines that say the same under the same name."""
+        return "\n".join([self.name, *(s.key for s in (self.pdr, self.fingerprint, self.filter) if s is not None)])
+
 
 @dataclass(frozen=True, slots=True)
 class Failure:
@@ -102,6 +107,20 @@ class Caller:
         if has_nan(state):
             raise FloatingPointError("returned a state with NaN in it")
         return unpack(pack(state), declared) if self._repack else state
+
+
+def packed_state(state: Any) -> bytes | None:
+    """Return the bytes of a stage's state, None for one that has not begun."""
+    return None if state is None else pack(state)
+
+
+def unpacked_state(packed: bytes | None, stage: Stage) -> Any:
+    """Return the stage's state that was packed.
+
+    Raises:
+        ValueError: when the bytes are no such state.
+    """
+    return None if packed is None else unpack(packed, stage.algorithm.State)
 
 
 def checked_motion(motion: Any) -> Motion:

@@ -19,6 +19,7 @@ from tickfix.api.values import Readings, Window
 from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.measurements import Item, Row, explode, fix_order, rows_of, scan_order
+from tickfix.kernel.snapshot import StreamSnapshot, TimelineSnapshot
 from tickfix.kernel.windows import RecentScans
 
 _ACTIVE_NS: Final = 1_000_000_000
@@ -76,6 +77,7 @@ class Timeline:
         self._clock = DeviceClock(horizon_ns, _MOTION)
         self._intervals: dict[int, Interval] = {}
         self._scans = RecentScans()
+        self._since: int | None = None
         self.first: int | None = None
         self.closed: int | None = None
         self.changes = Changes()
@@ -162,9 +164,53 @@ class Timeline:
 
     def forget(self, tick: int) -> None:
         """Drop what no tick from ``tick`` on can need."""
+        self._since = tick
         for old in [k for k in self._intervals if k < tick]:
             del self._intervals[old]
         self._scans.forget_before((tick - 1) * TICK_NS)
+
+    def snapshot(self) -> TimelineSnapshot:
+        """Return what is kept, as a value."""
+        rows: dict[str, list[tuple[int, Row]]] = {}
+        fixes: list[Fix] = []
+        for tick in sorted(self._intervals):
+            fixes += self._intervals[tick].fixes
+            for name, samples in self._intervals[tick].samples.items():
+                rows.setdefault(name, []).extend(samples.items())
+        return TimelineSnapshot(
+            first=self.first,
+            closed=self.closed,
+            since=self._since,
+            streams=tuple(
+                StreamSnapshot(name, np.array([t for t, _ in found], np.int64), np.array([row for _, row in found]))
+                for name, found in sorted(rows.items())
+            ),
+            scans=self._scans.kept,
+            fixes=tuple(fixes),
+            clock=self._clock.snapshot(),
+            changed=(self.changes.motion, self.changes.scans, self.changes.fixes),
+        )
+
+    def restore(self, kept: TimelineSnapshot) -> None:
+        """Become what ``kept`` says."""
+        self._clock.restore(kept.clock)
+        self._scans = RecentScans(kept.scans)
+        for stream in kept.streams:
+            for t_ns, row in zip(stream.t_ns.tolist(), rows_of(stream.rows), strict=True):
+                self._interval(tick_of(t_ns)).samples.setdefault(stream.stream, {})[t_ns] = row
+        for fix in kept.fixes:
+            self._interval(tick_of(fix.t_ns)).fixes.append(fix)
+        for scan in kept.scans:
+            if kept.since is None or tick_of(scan.t_ns) >= kept.since:
+                self._interval(tick_of(scan.t_ns)).scans.append(scan)
+        self._since, self.first, self.closed = kept.since, kept.first, kept.closed
+        self.changes = Changes(*kept.changed)
+
+    def _interval(self, tick: int) -> Interval:
+        interval = self._intervals.get(tick)
+        if interval is None:
+            interval = self._intervals[tick] = Interval()
+        return interval
 
     @property
     def _limit_ns(self) -> int | None:
@@ -210,9 +256,7 @@ class Timeline:
     def _insert(self, item: Item) -> None:
         tick = tick_of(item.t_ns)
         self._counts["dropped"] += self._clock.follow(item.t_ns, item.stream)
-        interval = self._intervals.get(tick)
-        if interval is None:
-            interval = self._intervals[tick] = Interval()
+        interval = self._interval(tick)
         if isinstance(item.content, Scan):
             is_new = self._insert_scan(interval, item.content, tick)
         elif isinstance(item.content, Fix):

@@ -1,48 +1,29 @@
-"""One pipeline on one device: samples → motion, scans → observations, filter step, estimate.
-
-Each function here makes the step of one stage's fold: a pure function of the state, the tick and the timeline.
-"""
+"""One pipeline on one device: what its stages made of a tick → filter step → estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
-from tickfix.api.events import TICK_NS, Fix, Scan
-from tickfix.api.values import Belief, Estimate, Motion, Observation, Prior, Report, Status
+from tickfix.api.events import TICK_NS, Fix
+from tickfix.api.values import Belief, Estimate, Observation, Prior, Report, Status
+from tickfix.kernel.moving import Moved
+from tickfix.kernel.observing import Observed
 from tickfix.kernel.randomness import Streams
+from tickfix.kernel.snapshot import FoldSnapshot
 from tickfix.kernel.stages import (
     Caller,
     Failure,
     Pipeline,
-    Stage,
     checked_belief,
-    checked_motion,
-    checked_observation,
     checked_report,
+    packed_state,
+    unpacked_state,
 )
-from tickfix.kernel.timeline import Timeline
 
 COASTING_NS: Final = 10_000_000_000
 """Without an observation used for longer than this, an estimate is ``coasting``."""
-
-
-@dataclass(frozen=True, slots=True)
-class Moved:
-    """What dead reckoning made of a tick; ``measured_ns`` is its newest motion sample's time."""
-
-    motion: Motion
-    measured_ns: int | None = None
-    failure: Failure | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Observed:
-    """What a fingerprint made of a tick's scans."""
-
-    observations: tuple[Observation, ...] = ()
-    failure: Failure | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,78 +34,6 @@ class Carried:
     belief: Belief | None = None
     motion_ns: int | None = None
     used_ns: int | None = None
-
-
-MotionStep: TypeAlias = Callable[[Any, int], tuple[Any, Moved]]
-ObservationStep: TypeAlias = Callable[[Any, int], tuple[Any, Observed]]
-BeliefStep: TypeAlias = Callable[[Carried, int], tuple[Carried, Estimate]]
-
-
-def motion_step(stage: Stage, timeline: Timeline, call: Caller) -> MotionStep:
-    """Return the step that folds a tick's samples into motion."""
-    pdr = stage.algorithm
-
-    def check(result: Any) -> tuple[Any, Motion]:
-        state, motion = result
-        return call.state(stage, state), checked_motion(motion)
-
-    def step(state: Any, tick: int) -> tuple[Any, Moved]:
-        samples = timeline.motion(tick)
-        newest = [int(s.t_ns[-1]) for name, s in samples.sensors.items() if name != "pressure"]
-        measured_ns = max(newest, default=None)
-        if state is None:
-            state = call(stage, lambda begun: call.state(stage, begun), pdr.start)
-        result = state if isinstance(state, Failure) else call(stage, check, pdr.step, state, samples)
-        if isinstance(result, Failure):
-            unknown = Motion.unknown(samples.t0_ns, samples.t1_ns)
-            return None if isinstance(state, Failure) else state, Moved(unknown, measured_ns, result)
-        return result[0], Moved(result[1], measured_ns)
-
-    return step
-
-
-def observation_step(stage: Stage, timeline: Timeline, call: Caller) -> ObservationStep:
-    """Return the step that folds a tick's scans into observations.
-
-    A fix counts at the tick that closes its interval. One that describes an instant after its scan waits until then.
-    """
-    fingerprint = stage.algorithm
-
-    def check(result: Any) -> tuple[Any, Observation]:
-        state, observation = result
-        return call.state(stage, state), checked_observation(observation)
-
-    def locate(state: Any, scan: Scan) -> Any:
-        return fingerprint.step(state, timeline.window(scan, fingerprint.window))
-
-    def wants(scan: Scan) -> bool:
-        return scan.source in fingerprint.window.sources
-
-    def step(carried: Any, tick: int) -> tuple[Any, Observed]:
-        state, waiting = carried or (None, ())
-        observations: list[Observation] = list(waiting)
-        failure: Failure | None = None
-        for scan in timeline.scans(tick):
-            wanted = call(stage, bool, wants, scan)
-            if isinstance(wanted, Failure):
-                failure = wanted
-                continue
-            if not wanted:
-                continue
-            if state is None:
-                state = call(stage, lambda begun: call.state(stage, begun), fingerprint.start)
-            result = state if isinstance(state, Failure) else call(stage, check, locate, state, scan)
-            if isinstance(result, Failure):
-                failure = result
-                state = None if isinstance(state, Failure) else state
-            else:
-                state = result[0]
-                observations.append(result[1])
-        due = tuple(o for o in observations if o.fix is None or o.fix.t_ns <= tick * TICK_NS)
-        waiting = tuple(o for o in observations if o not in due)
-        return (state, waiting), Observed(due, failure)
-
-    return step
 
 
 def external(fix: Fix) -> Observation:
@@ -158,6 +67,7 @@ class Tracker:
         self._device = device
         self._epoch = epoch
         self._pipeline = pipeline
+        self.key = pipeline.key
         self._stage = pipeline.filter
         self._filter = pipeline.filter.algorithm
         self._streams = streams
@@ -195,6 +105,21 @@ class Tracker:
             tick * TICK_NS if report.used else carried.used_ns,
         )
         return carried, self._estimate(carried, tick, report, failures)
+
+    def snapshot(self, tick: int, carried: Carried) -> FoldSnapshot:
+        """Return the checkpoint after ``tick`` as a value."""
+        return FoldSnapshot(
+            key=self.key,
+            tick=tick,
+            state=packed_state(carried.state),
+            belief=carried.belief,
+            motion_ns=carried.motion_ns,
+            used_ns=carried.used_ns,
+        )
+
+    def restored(self, kept: FoldSnapshot) -> Carried:
+        """Return the state that ``kept`` holds."""
+        return Carried(unpacked_state(kept.state, self._stage), kept.belief, kept.motion_ns, kept.used_ns)
 
     def _begin(self, tick: int, observations: tuple[Observation, ...]) -> Any:
         """Try to start the filter; return (state, report), None if it still waits, or the failure."""

@@ -15,12 +15,20 @@ def test_each_number_is_new_once_in_whatever_order_they_come(numbers: list[int])
     for seq in numbers:
         assert sequence.is_new(seq) == (seq not in seen)
         seen.add(seq)
-    assert sequence.missing == max(seen, default=0) - len(seen)
+    assert len(sequence.missing) == max(seen, default=0) - len(seen)
 
 
 def test_what_is_remembered_is_bounded_and_older_numbers_count_as_seen() -> None:
     sequence = Sequence()
     assert sequence.is_new(10**15)
-    assert sequence.missing == 4096
+    assert len(sequence.missing) == 4096
     assert sequence.is_new(10**15 - 4096)
     assert not sequence.is_new(10**15 - 4097)
+
+
+def test_a_number_that_leaps_absurdly_makes_nothing_that_follows_a_duplicate() -> None:
+    sequence = Sequence()
+    assert sequence.is_new(1)
+    assert sequence.is_new(2**60)
+    assert sequence.is_new(2)
+    assert not sequence.is_new(2)
