@@ -189,3 +189,16 @@ def same_tracks(one: Folded, other: Folded) -> bool:
     ]
     counted = [(f.outcomes, f.intake, f.measurements, f.failures) for f in (one, other)]
     return tracks[:3] == tracks[3:] and counted[0] == counted[1]
+
+
+def test_a_snapshot_keeps_fixes_that_wait_for_their_tick() -> None:
+    names, rssi = ("a", "b"), np.array([-50.0, -60.0])
+    events: list[Event] = []
+    for n in range(60):
+        t_ns = T0 + 300 * MS * n
+        events.append(MotionSamples(sensors={"gyroscope": Samples(np.array([t_ns]), np.ones((1, 3)))}, device="d"))
+        heard_ns = np.array([t_ns - 10 * MS * (n % 7), t_ns])
+        events.append(Scan(transmitters=names, rssi_dbm=rssi, heard_ns=heard_ns, source="wifi", device="d"))
+    through = fold(PIPELINES, numbered(events), SETTINGS)
+    for n in range(60, 120, 7):
+        assert same_tracks(through, fold(PIPELINES, numbered(events), SETTINGS, restarts=[n]))
