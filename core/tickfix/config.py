@@ -20,11 +20,11 @@ import tomllib
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 import msgspec
 
@@ -36,6 +36,9 @@ from tickfix.plugins import Offer, Registry
 
 STAGES: Final = ("pdr", "fingerprint", "filter", "map")
 _SETTINGS: Final = {"seed": int, "horizon_s": float, "checkpoint_mb": float}
+_SECTIONS: Final = ("live", "ports", "journal")
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +80,35 @@ class PipelineConfig:
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """Everything a configuration file says."""
+    """Everything a configuration file says.
+
+    Attributes:
+        kernel: settings of every run.
+        pipelines: in the order of the file.
+        sections: tables that belong to rooms above, as they stand there; see :meth:`section`.
+        where: names the file in errors.
+        text: the file, so that a run can say what it ran.
+    """
 
     kernel: KernelSettings
     pipelines: tuple[PipelineConfig, ...]
+    sections: Mapping[str, Any] = field(default_factory=dict)
+    where: str = ""
+    text: str = ""
+
+    def section(self, name: str, cls: type[T]) -> T:
+        """Return the settings of the table ``[name]``; ``cls`` is a dataclass whose defaults stand where it is silent.
+
+        Raises:
+            ConfigError: naming file, key, value found and what is allowed.
+        """
+        table, where = self.sections.get(name, {}), f"{self.where}: {name}"
+        if not isinstance(table, dict):
+            raise ConfigError(where, repr(table), f"a table [{name}]")
+        hints = typing.get_type_hints(cls, include_extras=True)
+        _check_keys(where, "", table, list(hints))
+        values = {key: _convert(f"{where}.{key}", value, hints[key]) for key, value in table.items()}
+        return cls(**values)
 
     def only(self, names: Iterable[str]) -> Config:
         """Return the configuration with just the pipelines named, in the order of the file.
@@ -130,7 +158,7 @@ def parse(text: str, where: str, registry: Registry) -> Config:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(where, str(error), "valid TOML") from error
-    _check_keys(where, "", table, [*_SETTINGS, "pipelines"])
+    _check_keys(where, "", table, [*_SETTINGS, *_SECTIONS, "pipelines"])
     values = {}
     for name, kind in _SETTINGS.items():
         if name in table:
@@ -143,6 +171,9 @@ def parse(text: str, where: str, registry: Registry) -> Config:
     return Config(
         KernelSettings(**values),
         tuple(_pipeline(f"{where}: pipelines.{name}", name, stages, registry) for name, stages in pipelines.items()),
+        sections={name: table[name] for name in _SECTIONS if name in table},
+        where=where,
+        text=text,
     )
 
 
@@ -194,15 +225,15 @@ def describe(cls: type[Any]) -> tuple[Field, ...]:
     """Return the parameters of an algorithm in their order."""
     hints = typing.get_type_hints(cls.Params, include_extras=True)
     fields = []
-    for field in dataclasses.fields(cls.Params):
-        hint = hints[field.name]
+    for each in dataclasses.fields(cls.Params):
+        hint = hints[each.name]
         metas = [m for m in getattr(hint, "__metadata__", ()) if isinstance(m, msgspec.Meta)]
         meta = metas[0] if metas else msgspec.Meta()
         extra = meta.extra or {}
-        default = field.default_factory() if field.default_factory is not dataclasses.MISSING else field.default
+        default = each.default_factory() if each.default_factory is not dataclasses.MISSING else each.default
         fields.append(
             Field(
-                field.name,
+                each.name,
                 _type_words(hint),
                 default,
                 meta.description or "",

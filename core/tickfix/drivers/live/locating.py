@@ -1,0 +1,213 @@
+"""Scans are located beside the loop: a tick that closes first is published without them.
+
+A fingerprint's step is a pure function, so it may be computed anywhere and beforehand. :class:`Remembering` stands in
+its place in the pipelines and hands out what a thread has computed; what it does not know it computes itself, so a
+wrong guess about state or window costs time and never changes a result.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from hashlib import blake2b
+from typing import Any, Final
+
+from tickfix.api import Readings, Window
+from tickfix.api.packing import pack
+from tickfix.kernel import Pipeline, Stage
+
+_REMEMBERED: Final = 4096
+
+
+class Remembering:
+    """A fingerprint that remembers its last answers; it may be asked from several threads."""
+
+    def __init__(self, algorithm: Any) -> None:
+        """Stand in for ``algorithm``."""
+        self._algorithm = algorithm
+        self._answers: OrderedDict[bytes, tuple[Any, BaseException | None]] = OrderedDict()
+        self._lock = threading.Lock()
+        self.State = algorithm.State
+
+    @property
+    def window(self) -> Window:
+        """The algorithm's."""
+        window: Window = self._algorithm.window
+        return window
+
+    def start(self) -> Any:
+        """Return the algorithm's first state."""
+        return self._algorithm.start()
+
+    def step(self, state: Any, window: Readings) -> Any:
+        """Return what the algorithm returns, or raise what it raises, from memory where it was asked before."""
+        key = question_key(state, window)
+        with self._lock:
+            known = self._answers.get(key)
+        if known is None:
+            try:
+                known = self._algorithm.step(state, window), None
+            except Exception as error:  # noqa: BLE001 - it is raised again, here and whenever it is asked again
+                known = None, error
+            with self._lock:
+                self._answers[key] = known
+                while len(self._answers) > _REMEMBERED:
+                    self._answers.popitem(last=False)
+        answer, error = known
+        if error is not None:
+            raise error
+        return answer
+
+
+def question_key(state: Any, window: Readings) -> bytes:
+    """Return a digest of what a fingerprint is asked."""
+    parts = (window.t_ns, window.transmitters, window.scan_t_ns, window.source)
+    digest = blake2b(pack(state), digest_size=16)
+    digest.update(repr(parts).encode("utf-8", "surrogatepass"))
+    for array in (window.rssi_dbm, window.heard_ns, window.scan):
+        digest.update(array.tobytes())
+    return digest.digest()
+
+
+def remembering(pipelines: Sequence[Pipeline]) -> tuple[Pipeline, ...]:
+    """Return the pipelines with their fingerprints remembering; those that are shared stay shared."""
+    made: dict[str, Stage] = {}
+
+    def stage(found: Stage) -> Stage:
+        if found.key not in made:
+            made[found.key] = replace(found, algorithm=Remembering(found.algorithm))
+        return made[found.key]
+
+    return tuple(p if p.fingerprint is None else replace(p, fingerprint=stage(p.fingerprint)) for p in pipelines)
+
+
+Question = tuple[Stage, Any, Readings]
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """A scan whose questions are answered, or given up; ``reason`` is empty unless it was given up."""
+
+    number: int
+    device: str
+    reason: str = ""
+
+
+@dataclass(slots=True, eq=False)
+class _Job:
+    number: int
+    device: str
+    questions: Sequence[Question]
+    asked_ns: int
+    begun_ns: int | None = None
+    given_up: bool = False
+    replaced: bool = False
+
+
+class Locator:
+    """Answers questions in threads of its own.
+
+    A thread that hangs in one is left behind, and another takes its place, a few times; after that scans are given up
+    until one comes back.
+
+    Args:
+        wake: called, from any thread, when something is done.
+        threads: that work at once.
+        timeout_s: for one scan; after that it is given up.
+        clock_ns: monotonic.
+    """
+
+    def __init__(
+        self,
+        wake: Callable[[], None],
+        *,
+        threads: int = 1,
+        timeout_s: float = 5.0,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """Start the threads."""
+        self._wake = wake
+        self._timeout_ns = round(timeout_s * 1e9)
+        self._clock_ns = clock_ns
+        self._most = threads * 4
+        self._condition = threading.Condition()
+        self._queue: deque[_Job] = deque()
+        self._working: list[_Job] = []
+        self._done: list[Located] = []
+        self._stopped = False
+        self._alive = 0
+        self.hung = 0
+        for _ in range(threads):
+            self._spawn()
+
+    def ask(self, number: int, device: str, questions: Sequence[Question]) -> None:
+        """Answer the questions that the scan of record ``number`` raises."""
+        with self._condition:
+            self._queue.append(_Job(number, device, questions, self._clock_ns()))
+            self._condition.notify()
+
+    def done(self) -> list[Located]:
+        """Return what was answered or given up since the last call."""
+        with self._condition:
+            self._give_up()
+            done, self._done = self._done, []
+        return done
+
+    @property
+    def waiting(self) -> int:
+        """How many scans are neither answered nor given up."""
+        with self._condition:
+            return len(self._queue) + sum(not job.given_up for job in self._working)
+
+    def stop(self) -> None:
+        """Let the threads end; those that hang are daemons and die with the process."""
+        with self._condition:
+            self._stopped = True
+            self._condition.notify_all()
+
+    def _give_up(self) -> None:
+        now_ns = self._clock_ns()
+        for job in self._working:
+            if job.begun_ns is not None and not job.given_up and now_ns - job.begun_ns > self._timeout_ns:
+                job.given_up = True
+                self.hung += 1
+                self._done.append(Located(job.number, job.device, "not located in time"))
+                job.replaced = self._alive < self._most
+                if job.replaced:
+                    self._spawn()
+        # Nobody is left to work: what has waited for as long is given up too.
+        while self._queue and now_ns - self._queue[0].asked_ns > 2 * self._timeout_ns:
+            job = self._queue.popleft()
+            self._done.append(Located(job.number, job.device, "not located in time"))
+
+    def _spawn(self) -> None:
+        self._alive += 1
+        threading.Thread(target=self._work, name="tickfix-locator", daemon=True).start()
+
+    def _work(self) -> None:
+        while True:
+            with self._condition:
+                while not self._queue and not self._stopped:
+                    self._condition.wait()
+                if self._stopped:
+                    return
+                job = self._queue.popleft()
+                job.begun_ns = self._clock_ns()
+                self._working.append(job)
+            for stage, state, window in job.questions:
+                try:
+                    stage.algorithm.step(state, window)
+                except Exception:  # noqa: BLE001, S110 - remembered, and raised again where the kernel asks
+                    pass
+            with self._condition:
+                self._working.remove(job)
+                if job.replaced:
+                    self._alive -= 1
+                    return
+                if job.given_up:
+                    continue
+                self._done.append(Located(job.number, job.device))
+            self._wake()
