@@ -1,0 +1,190 @@
+"""Estimates as canonical bytes: the very bytes that are published and journaled, and back."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+from tickfix.api import Belief, Component, Estimate, EventError, Status
+from tickfix.wire.arrays import numbers, rows
+from tickfix.wire.decoding import check_version, decode_as
+from tickfix.wire.errors import WireError
+from tickfix.wire.messages import VERSION, Count, Int64, Numbers, Rows
+
+_ENCODER: Final = msgspec.msgpack.Encoder()
+
+
+class ComponentMessage(Struct, kw_only=True, frozen=True):
+    """One Gaussian of a mixture."""
+
+    weight: float
+    floor: str
+    xy: Numbers
+    covariance: Rows
+
+
+class BeliefMessage(Struct, kw_only=True, frozen=True):
+    """Where the device is believed to be, see :class:`tickfix.api.Belief`."""
+
+    floor: str
+    xy: Numbers
+    covariance: Rows
+    floor_probabilities: list[tuple[str, float]] = []
+    mixture: list[ComponentMessage] = []
+    speed_mps: float | None = None
+    heading_rad: float | None = None
+
+
+class EstimateMessage(Struct, tag_field="type", tag="estimate", kw_only=True, frozen=True):
+    """What a pipeline says about a device at a tick, see :class:`tickfix.api.Estimate`."""
+
+    v: Count
+    device: str
+    pipeline: str
+    epoch: Int64
+    tick: Int64
+    t_ns: Annotated[int, Meta(ge=-(2**63), le=2**63 - 1, description="tick · 200 ms of device time")]
+    status: Status
+    belief: BeliefMessage | None = None
+    motion_age_ns: Int64 | None = None
+    observation_age_ns: Int64 | None = None
+    innovation_m: float | None = None
+    gate: float | None = None
+    failed_by: str = ""
+    reasons: list[str] = []
+    revision: Int64 = 0
+
+
+_DECODER: Final = msgspec.msgpack.Decoder(EstimateMessage)
+
+
+def encode_estimate(estimate: Estimate) -> bytes:
+    """Return the estimate's canonical bytes: keys sorted, every field present, floats with their 64 bits.
+
+    Text with lone surrogates, which a plugin's failure may bring, is written with backslashes, since publishing must
+    not fail for it; all else comes back from :func:`decode_estimate` bit for bit.
+
+    Raises:
+        WireError: for integers beyond 64 bits.
+    """
+    fields = _fields(estimate)
+    try:
+        return _ENCODER.encode(fields)
+    except UnicodeEncodeError:
+        return _ENCODER.encode(_escaped(fields))
+    except OverflowError as error:
+        raise WireError("estimate", f"an integer: {error}", "integers of 64 bits") from None
+
+
+def decode_estimate(data: bytes) -> Estimate:
+    """Return the estimate of its bytes.
+
+    Raises:
+        WireError: for bytes that are no estimate.
+    """
+    message = decode_as(_DECODER, data)
+    check_version(message.v)
+    belief = message.belief
+    try:
+        return Estimate(
+            device=message.device,
+            pipeline=message.pipeline,
+            epoch=message.epoch,
+            tick=message.tick,
+            t_ns=message.t_ns,
+            status=message.status,
+            belief=None if belief is None else _belief(belief),
+            motion_age_ns=message.motion_age_ns,
+            observation_age_ns=message.observation_age_ns,
+            innovation_m=message.innovation_m,
+            gate=message.gate,
+            failed_by=message.failed_by,
+            reasons=tuple(message.reasons),
+            revision=message.revision,
+        )
+    except EventError as error:
+        raise WireError("belief", str(error), "a possible belief") from error
+
+
+def _belief(message: BeliefMessage) -> Belief:
+    return Belief(
+        floor=message.floor,
+        xy=numbers("belief.xy", message.xy, 2),
+        covariance=rows("belief.covariance", message.covariance, 2, 2),
+        floor_probabilities=tuple(message.floor_probabilities),
+        mixture=tuple(_component(f"belief.mixture[{i}]", one) for i, one in enumerate(message.mixture)),
+        speed_mps=message.speed_mps,
+        heading_rad=message.heading_rad,
+    )
+
+
+def _component(field: str, message: ComponentMessage) -> Component:
+    return Component(
+        weight=message.weight,
+        floor=message.floor,
+        xy=numbers(f"{field}.xy", message.xy, 2),
+        covariance=rows(f"{field}.covariance", message.covariance, 2, 2),
+    )
+
+
+def _fields(estimate: Estimate) -> dict[str, Any]:
+    belief = estimate.belief
+    return {
+        "belief": None if belief is None else _belief_fields(belief),
+        "device": estimate.device,
+        "epoch": int(estimate.epoch),
+        "failed_by": estimate.failed_by,
+        "gate": _float(estimate.gate),
+        "innovation_m": _float(estimate.innovation_m),
+        "motion_age_ns": _int(estimate.motion_age_ns),
+        "observation_age_ns": _int(estimate.observation_age_ns),
+        "pipeline": estimate.pipeline,
+        "reasons": estimate.reasons,
+        "revision": int(estimate.revision),
+        "status": str(estimate.status),
+        "t_ns": int(estimate.t_ns),
+        "tick": int(estimate.tick),
+        "type": "estimate",
+        "v": VERSION,
+    }
+
+
+def _belief_fields(belief: Belief) -> dict[str, Any]:
+    return {
+        "covariance": belief.covariance.tolist(),
+        "floor": belief.floor,
+        "floor_probabilities": [(floor, float(p)) for floor, p in belief.floor_probabilities],
+        "heading_rad": _float(belief.heading_rad),
+        "mixture": [
+            {
+                "covariance": one.covariance.tolist(),
+                "floor": one.floor,
+                "weight": float(one.weight),
+                "xy": one.xy.tolist(),
+            }
+            for one in belief.mixture
+        ],
+        "speed_mps": _float(belief.speed_mps),
+        "xy": belief.xy.tolist(),
+    }
+
+
+def _int(value: int | None) -> int | None:
+    return None if value is None else int(value)
+
+
+def _float(value: float | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def _escaped(value: Any) -> Any:
+    """Return ``value`` with lone surrogates of its texts written with backslashes."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode()
+    if isinstance(value, dict):
+        return {key: _escaped(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_escaped(one) for one in value]
+    return value

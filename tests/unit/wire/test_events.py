@@ -1,0 +1,208 @@
+"""Events become bytes and come back, bit for bit; the same event has the same bytes."""
+
+from __future__ import annotations
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from wire_strategies import EVENTS, content
+
+from tickfix.api import Fix, MotionSamples, Pressure, Samples, Scan, motion_samples
+from tickfix.kernel import Outcome
+from tickfix.wire import (
+    Hello,
+    MessageLimits,
+    WireError,
+    decode_event,
+    decode_message,
+    encode_event,
+    from_event,
+    to_event,
+    unknown_sensors,
+)
+
+LIMITS = MessageLimits()
+
+
+def message(**fields):
+    return decode_message(msgpack.packb({"v": 1, "device": "d", **fields}), LIMITS)
+
+
+@given(EVENTS)
+def test_an_event_comes_back_bit_for_bit(event):
+    assert content(decode_event(encode_event(event))) == content(event)
+
+
+@given(EVENTS)
+def test_the_canonical_bytes_of_what_came_back_are_the_same(event):
+    data = encode_event(event)
+    assert encode_event(decode_event(data)) == data
+
+
+@given(EVENTS)
+def test_keys_stand_in_order(event):
+    for keys in _keys(msgpack.unpackb(encode_event(event))):
+        assert keys == sorted(keys)
+
+
+def _keys(value):
+    if isinstance(value, dict):
+        yield list(value)
+        for one in value.values():
+            yield from _keys(one)
+
+
+def test_the_order_in_which_sensors_are_told_does_not_matter():
+    samples = {"gyroscope": Samples([1, 2], np.ones((2, 3))), "accelerometer": Samples([1], np.zeros((1, 3)))}
+    turned = dict(reversed(samples.items()))
+    assert encode_event(MotionSamples(sensors=samples)) == encode_event(MotionSamples(sensors=turned))
+
+
+def test_strided_arrays_have_the_bytes_of_plain_ones():
+    values = np.arange(24.0).reshape(4, 6)
+    strided = motion_samples([1, 2, 3, 4], accelerometer=values[:, ::2])
+    plain = motion_samples([1, 2, 3, 4], accelerometer=np.ascontiguousarray(values[:, ::2]))
+    assert encode_event(strided) == encode_event(plain)
+
+
+def test_nan_with_a_payload_and_negative_zero_keep_their_bits():
+    odd = np.array([0x7FF8_0000_0000_1234, 0x8000_0000_0000_0000], np.uint64).view(np.float64)
+    scan = Scan(transmitters=("a", "b"), rssi_dbm=odd, heard_ns=[1, 2])
+    assert decode_event(encode_event(scan)).rssi_dbm.tobytes() == odd.tobytes()
+
+
+@given(EVENTS.filter(lambda event: event.device), st.booleans())
+def test_what_a_sender_sends_is_the_event_but_for_its_arrival(event, ack):
+    sent = decode_message(from_event(event, ack=ack), LIMITS)
+    assert sent.ack is ack
+    if isinstance(event, MotionSamples):
+        event = MotionSamples(
+            sensors=event.sensors, device=event.device, session=event.session, seq=event.seq, arrival_ns=77
+        )
+        assert content(to_event(sent, 77)) == content(event)
+    else:
+        assert encode_event(to_event(sent, event.arrival_ns)) == encode_event(event)
+
+
+def test_arrival_is_the_engines_word_whatever_a_device_says():
+    sent = message(type="pressure", t_ns=5, pressure_hpa=1000.0, arrival_ns=1)
+    assert to_event(sent, 9).arrival_ns == 9
+
+
+def test_lists_and_bin_mean_the_same():
+    t, rows = [10, 20], [[1.0, 2.0, 3.0], [4.0, 5.0, -0.0]]
+    lists = message(type="motion", sensors={"gyroscope": {"t_ns": t, "values": rows}})
+    raw = {"t_ns": np.array(t, "<i8").tobytes(), "values": np.array(rows, "<f8").tobytes()}
+    packed = message(type="motion", sensors={"gyroscope": raw})
+    assert encode_event(to_event(lists, 3)) == encode_event(to_event(packed, 3))
+    scan = {"type": "scan", "transmitters": ["a", "b"]}
+    lists = message(**scan, rssi_dbm=[-60, -70.5], heard_ns=[1, 2])
+    packed = message(**scan, rssi_dbm=np.array([-60, -70.5]).tobytes(), heard_ns=np.array([1, 2]).tobytes())
+    assert encode_event(to_event(lists, 3)) == encode_event(to_event(packed, 3))
+    fix = {"type": "fix", "t_ns": 1, "floor": "F1"}
+    lists = message(**fix, xy=[1, 2], covariance=[[1, 0], [0, 1]])
+    packed = message(**fix, xy=np.array([1.0, 2]).tobytes(), covariance=np.eye(2).tobytes())
+    assert encode_event(to_event(lists, 3)) == encode_event(to_event(packed, 3))
+
+
+def test_arrays_of_a_decoded_event_cannot_be_written():
+    event = to_event(message(type="truth", t_ns=1, floor="F1", xy=[1.0, 2.0]), 1)
+    with pytest.raises(ValueError, match="read-only"):
+        event.xy[0] = 5.0
+
+
+def test_a_fix_without_covariance_has_that_of_the_api():
+    event = to_event(message(type="fix", t_ns=1, floor="F1", xy=[1.0, 2.0]), 1)
+    assert content(event) == content(Fix(t_ns=1, floor="F1", xy=[1.0, 2.0], device="d", arrival_ns=1))
+
+
+def test_an_unknown_sensor_is_left_out_and_can_be_counted():
+    light = {"t_ns": [1], "values": [[300.0]]}
+    sent = message(type="motion", sensors={"light": light, "pressure": {"t_ns": [1], "values": [[1000.0]]}})
+    assert list(to_event(sent, 1).sensors) == ["pressure"]
+    assert unknown_sensors(sent) == ("light",)
+    with pytest.raises(WireError, match="found 'light'; expected accelerometer") as caught:
+        to_event(message(type="motion", sensors={"light": light}), 1)
+    assert caught.value.outcome is Outcome.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        (
+            {"type": "motion", "sensors": {"gyroscope": {"t_ns": [1, 2], "values": [[1, 2, 3]]}}},
+            "sensors.gyroscope.values: found 1 rows; expected 2, one for every time",
+        ),
+        (
+            {"type": "motion", "sensors": {"gyroscope": {"t_ns": [1, 2], "values": [[1, 2, 3], [1, 2]]}}},
+            "sensors.gyroscope.values[1]: found 2 columns; expected 3",
+        ),
+        (
+            {"type": "motion", "sensors": {"gyroscope": {"t_ns": [1], "values": bytes(16)}}},
+            "sensors.gyroscope.values: found 16 bytes; expected 1 × 3 × 8, a row for every time",
+        ),
+        (
+            {"type": "motion", "sensors": {"gyroscope": {"t_ns": bytes(7), "values": []}}},
+            "sensors.gyroscope.t_ns: found 7 bytes; expected a multiple of 8",
+        ),
+        (
+            {"type": "scan", "transmitters": ["a"], "rssi_dbm": [1, 2], "heard_ns": [1]},
+            "rssi_dbm: found 2 elements; expected 1",
+        ),
+        (
+            {"type": "scan", "transmitters": ["a"], "rssi_dbm": [1], "heard_ns": []},
+            "heard_ns: found 0 elements; expected 1, one for every transmitter",
+        ),
+        (
+            {"type": "scan", "transmitters": [], "rssi_dbm": [], "heard_ns": []},
+            "t_ns: found nothing; expected the time of a scan without readings",
+        ),
+        ({"type": "truth", "t_ns": 1, "floor": "F", "xy": [1]}, "xy: found 1 elements; expected 2"),
+        ({"type": "fix", "t_ns": 1, "floor": "F", "xy": [1, 2], "covariance": [[1, 2]]}, "covariance: found 1 rows"),
+    ],
+)
+def test_arrays_that_do_not_fit_together_are_named(fields, text):
+    with pytest.raises(WireError) as caught:
+        to_event(message(**fields), 1)
+    assert str(caught.value).startswith(text)
+    assert caught.value.outcome is Outcome.MALFORMED
+
+
+def test_text_that_is_no_unicode_is_refused():
+    with pytest.raises(WireError, match=r"found text .*ud800.* without lone surrogates"):
+        encode_event(Pressure(t_ns=1, pressure_hpa=1.0, device="\ud800"))
+
+
+def test_integers_beyond_64_bits_are_refused():
+    with pytest.raises(WireError, match="64 bits"):
+        encode_event(Pressure(t_ns=2**70, pressure_hpa=1.0))
+
+
+def test_a_hello_is_no_event():
+    data = msgpack.packb({"v": 1, "type": "hello", "device": "d"})
+    with pytest.raises(WireError, match="expected an event"):
+        decode_event(data)
+    hello = decode_message(data, LIMITS)
+    assert isinstance(hello, Hello)
+    with pytest.raises(TypeError):
+        to_event(hello, 1)
+
+
+def test_a_message_is_no_canonical_event_as_its_arrival_is_missing():
+    with pytest.raises(WireError, match="arrival_ns: found nothing"):
+        decode_event(from_event(Pressure(t_ns=1, pressure_hpa=1.0)))
+
+
+@given(EVENTS, st.data())
+@settings(max_examples=300)
+def test_a_damaged_event_is_refused_or_is_another_event(event, data):
+    whole = bytearray(encode_event(event))
+    at = data.draw(st.integers(0, len(whole) - 1))
+    whole[at] ^= data.draw(st.integers(1, 255))
+    try:
+        decoded = decode_event(bytes(whole))
+    except WireError:
+        return
+    encode_event(decoded)
