@@ -8,22 +8,57 @@ from tickfix.wire.errors import WireError
 from tickfix.wire.estimates import decode_estimate, encode_estimate
 from tickfix.wire.events import decode_event, encode_event, from_event, to_event, unknown_sensors
 from tickfix.wire.limits import MessageLimits
-from tickfix.wire.messages import OLDEST_VERSION, VERSION, Bye, Hello, Message
+from tickfix.wire.messages import (
+    OLDEST_VERSION,
+    REQUESTS,
+    VERSION,
+    Ack,
+    Bye,
+    Envelope,
+    Error,
+    FollowEnvelope,
+    Heartbeat,
+    Hello,
+    Message,
+    Reply,
+    Request,
+    Welcome,
+)
+from tickfix.wire.replies import decode_request, encode, error_for
+from tickfix.wire.topics import HEARTBEAT, Family, Topic, parse_topic, segment, stream_topics
 
 __all__ = [
+    "HEARTBEAT",
     "OLDEST_VERSION",
+    "REQUESTS",
     "VERSION",
+    "Ack",
     "Bye",
+    "Envelope",
+    "Error",
+    "Family",
+    "FollowEnvelope",
+    "Heartbeat",
     "Hello",
     "Message",
     "MessageLimits",
+    "Reply",
+    "Request",
+    "Topic",
+    "Welcome",
     "WireError",
     "decode_estimate",
     "decode_event",
     "decode_message",
+    "decode_request",
+    "encode",
     "encode_estimate",
     "encode_event",
+    "error_for",
     "from_event",
+    "parse_topic",
+    "segment",
+    "stream_topics",
     "to_event",
     "unknown_fields",
     "unknown_sensors",

@@ -92,12 +92,7 @@ def decode_as(decoder: msgspec.msgpack.Decoder[T], data: bytes) -> T:
 
 
 def _head(data: bytes, fields: int) -> str:
-    count = _map_length(data)
-    if count > fields:
-        raise WireError("message", f"{count} fields", f"at most {fields}")
-    raw = _decode(_FIELDS, data, None)
-    if len(raw) != count:
-        raise WireError("message", "a field twice", "every field once")
+    raw = _raw_fields(data, fields)
     check_version(_scalar(raw, "v"))
     kind = _scalar(raw, "type")
     if not isinstance(kind, str):
@@ -105,6 +100,26 @@ def _head(data: bytes, fields: int) -> str:
     if kind not in _DECODERS:
         raise WireError("type", shown(kind), " | ".join(_DECODERS), Outcome.UNKNOWN)
     return kind
+
+
+def _raw_fields(data: bytes, fields: int) -> dict[str, msgspec.Raw]:
+    count = _map_length(data)
+    if count > fields:
+        raise WireError("message", f"{count} fields", f"at most {fields}")
+    raw = _decode(_FIELDS, data, None)
+    if len(raw) != count:
+        raise WireError("message", "a field twice", "every field once")
+    return raw
+
+
+def decode_head(data: bytes, fields: int = 64) -> dict[str, object]:
+    """Return the fields of a message that are numbers, texts, booleans or nil; nothing else is built.
+
+    Raises:
+        WireError: for bytes that are no message at all.
+    """
+    values = ((name, _look(raw)) for name, raw in _raw_fields(data, fields).items())
+    return {name: value for name, value in values if not isinstance(value, _Kind)}
 
 
 def check_version(v: object) -> None:
