@@ -69,7 +69,7 @@ def require_keys(where: str, address: Address) -> None:
         raise ConfigError(
             where,
             f"{address.endpoint}, which other machines can reach, and no keys",
-            "keys: run `tickfix keys new engine --folder keys`, set ports.keys = \"keys\"; or an address on 127.0.0.1",
+            'keys: run `tickfix keys new engine --folder keys`, set ports.keys = "keys"; or an address on 127.0.0.1',
         )
 
 

@@ -83,7 +83,7 @@ class Doorkeeper:
     """
 
     def __init__(self, socket: zmq.Socket[bytes], allowed: AllowList) -> None:
-        """Serve ``socket``, a REP or ROUTER bound to :data:`ENDPOINT`."""
+        """Serve ``socket``, a REP bound to :data:`ENDPOINT`."""
         self._socket = socket
         self._allowed = allowed
         self.refused: Counter[str] = Counter()

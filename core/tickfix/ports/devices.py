@@ -101,9 +101,7 @@ class Speakers:
         if speaker is not None:
             self._release(speaker.peer)
 
-    def _enter(
-        self, device: str, session: str, peer: str, limit: int, now_ns: int, *, sensor: bool
-    ) -> Refusal | None:
+    def _enter(self, device: str, session: str, peer: str, limit: int, now_ns: int, *, sensor: bool) -> Refusal | None:
         if self._of_peer[peer] >= limit or len(self._speakers) >= self._most:
             self._drop_idle(now_ns)
         if self._of_peer[peer] >= limit:

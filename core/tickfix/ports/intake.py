@@ -143,10 +143,13 @@ class Inbox:
             if self._messages >= self._most_messages or self._bytes + incoming.n_bytes > self._most_bytes:
                 return False
             crowded = 2 * self._messages >= self._most_messages or 2 * self._bytes >= self._most_bytes
-            if crowded and account.waiting >= max(1, self._most_messages // (self._peers + 2)):
+            parts = self._peers + 2
+            over = account.waiting >= self._most_messages // parts or account.waiting_bytes >= self._most_bytes // parts
+            if crowded and account.waiting and over:
                 return False
             self._peers += account.waiting == 0
             account.waiting += 1
+            account.waiting_bytes += incoming.n_bytes
             self._messages += 1
             self._bytes += incoming.n_bytes
             self._items.append(incoming)
@@ -170,8 +173,10 @@ class Inbox:
             taken = [self._items.popleft() for _ in range(min(most, len(self._items)))]
             for item in taken:
                 if isinstance(item, Incoming):
-                    item.peer.account.waiting -= 1
-                    self._peers -= item.peer.account.waiting == 0
+                    account = item.peer.account
+                    account.waiting -= 1
+                    account.waiting_bytes -= item.n_bytes
+                    self._peers -= account.waiting == 0
                     self._messages -= 1
                     self._bytes -= item.n_bytes
             return taken

@@ -30,6 +30,7 @@ from tickfix.ports.settings import PeerLimits
 ENGINE: Final = "engine"
 ALLOWED: Final = "allowed.toml"
 PORTS: Final = ("sensors", "positions", "control", "follow")
+_NAME_BYTES: Final = 64
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -101,8 +102,8 @@ def new_pair(name: str, folder: Path) -> Path:
             raise PortError(f"{file} exists already and is left alone; choose another name, or remove it")
     # Exclusive, and private from its first instant on.
     descriptor = os.open(secret_file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        file.write(f'public = "{public}"\nsecret = "{secret}"\n')
+    with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+        stream.write(f'public = "{public}"\nsecret = "{secret}"\n')
     public_file.write_text(f'public = "{public}"\n', encoding="utf-8")
     return public_file
 
@@ -115,7 +116,7 @@ def read_pair(file: Path) -> KeyPair:
     """
     table = _toml(file)
     public, secret = table.get("public"), table.get("secret")
-    if not (is_key(public) and is_key(secret)):
+    if not (isinstance(public, str) and is_key(public) and isinstance(secret, str) and is_key(secret)):
         raise PortError(f"{file}: found no key pair; expected public and secret, 40 characters each")
     if file.stat().st_mode & 0o077:
         raise PortError(f"{file}: others may read this secret key; run `chmod 600 {file}`, or make a new one")
@@ -162,8 +163,8 @@ def read_grants(file: Path) -> tuple[Grant, ...]:
     keys: set[str] = set()
     for grant in grants:
         where = f"{file}: {grant.name!r}"
-        if not grant.name or not grant.name.isprintable() or len(grant.name) > 64:
-            raise PortError(f"{file}: name: found {grant.name!r}; expected 1 to 64 printable characters")
+        if not grant.name or not grant.name.isprintable() or len(grant.name.encode()) > _NAME_BYTES:
+            raise PortError(f"{file}: name: found {grant.name!r}; expected 1 to {_NAME_BYTES} printable bytes")
         if not is_key(grant.key):
             raise PortError(f"{where}: key: found {grant.key!r}; expected a public key of 40 characters (Z85)")
         if grant.name in names or grant.key in keys:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import zmq
 
@@ -28,7 +28,7 @@ class Account:
         limits: its limits.
         received, received_bytes: messages that came in.
         outcomes: what became of them.
-        waiting: messages in the queue to the loop.
+        waiting, waiting_bytes: how much of it is in the queue to the loop.
         told_ns: when it was last told that it is throttled.
     """
 
@@ -42,6 +42,7 @@ class Account:
         "received_bytes",
         "told_ns",
         "waiting",
+        "waiting_bytes",
     )
 
     def __init__(self, name: str, grant: Grant | None, limits: PeerLimits, now_ns: int) -> None:
@@ -54,6 +55,7 @@ class Account:
         self.received_bytes = 0
         self.outcomes: Counter[Outcome] = Counter()
         self.waiting = 0
+        self.waiting_bytes = 0
         self.told_ns = -(2**62)
 
 
@@ -126,8 +128,7 @@ class Peers:
 
 def _user_id(frame: zmq.Frame) -> str:
     """Return the name that the doorkeeper gave to the connection of this frame."""
-    metadata: Any = frame
     try:
-        return str(metadata["User-Id"])
+        return str(frame.get("User-Id"))
     except zmq.ZMQError:
         return ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import zmq
 
@@ -116,4 +116,9 @@ def bind(socket: zmq.Socket[bytes], where: str, address: Address, *, private: bo
             errno.EACCES: "not permitted to this user",
         }.get(error.errno or 0, str(error.strerror))
         raise PortError(f"{where}: {address.endpoint} cannot be bound: {hint}") from error
-    return socket.getsockopt(zmq.LAST_ENDPOINT).rstrip(b"\0").decode()
+    return endpoint_of(socket)
+
+
+def endpoint_of(socket: zmq.Socket[bytes]) -> str:
+    """Return where a bound socket is, in full."""
+    return cast(bytes, socket.getsockopt(zmq.LAST_ENDPOINT)).rstrip(b"\0").decode()
