@@ -51,3 +51,7 @@ class SiteError(TickfixError):
 
 class ReaderError(TickfixError):
     """A recording that cannot be read at all (single broken lines are counted, not raised)."""
+
+
+class PortError(TickfixError):
+    """A port that cannot be opened or used: names the address, the cause and the remedy."""

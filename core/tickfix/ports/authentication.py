@@ -1,0 +1,111 @@
+"""Who may come in: libzmq asks at every handshake (ZAP, RFC 27), and the allow-list answers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import zmq
+import zmq.utils.z85
+
+from tickfix.api.errors import PortError
+from tickfix.ports.keys import ALLOWED, Grant, read_grants
+
+ENDPOINT: Final = "inproc://zeromq.zap.01"
+
+
+class AllowList:
+    """The allow-list as its file says now.
+
+    Attributes:
+        problem: why the file as it is now cannot be used; while there is one, the last good list counts.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Read the list in ``folder``.
+
+        Raises:
+            PortError: when it cannot be used.
+        """
+        self._file = folder / ALLOWED
+        self._stamp = self._look()
+        self._set(read_grants(self._file))
+        self.problem = ""
+
+    def refresh(self) -> bool:
+        """Read the file again if it changed; return whether the list changed."""
+        stamp = self._look()
+        if stamp == self._stamp:
+            return False
+        self._stamp = stamp
+        try:
+            grants = read_grants(self._file)
+        except PortError as error:
+            self.problem = str(error)
+            return False
+        self.problem = ""
+        before = self._by_name
+        self._set(grants)
+        return before != self._by_name
+
+    def named(self, name: str) -> Grant | None:
+        """Return the entry of this name."""
+        return self._by_name.get(name)
+
+    def of_key(self, key: str) -> Grant | None:
+        """Return the entry of this public key."""
+        return self._by_key.get(key)
+
+    def __len__(self) -> int:
+        """Return the number of keys."""
+        return len(self._by_name)
+
+    def _set(self, grants: Sequence[Grant]) -> None:
+        self._by_name: Mapping[str, Grant] = {grant.name: grant for grant in grants}
+        self._by_key: Mapping[str, Grant] = {grant.key: grant for grant in grants}
+
+    def _look(self) -> tuple[int, int, int] | None:
+        try:
+            stat = self._file.stat()
+        except OSError:
+            return None
+        return stat.st_mtime_ns, stat.st_size, stat.st_ino
+
+
+class Doorkeeper:
+    """Answers libzmq's questions about who may connect to which port.
+
+    Attributes:
+        refused: handshakes refused, by port; whoever is refused never gets to send a message.
+        admitted: handshakes admitted, by port.
+    """
+
+    def __init__(self, socket: zmq.Socket[bytes], allowed: AllowList) -> None:
+        """Serve ``socket``, a REP bound to :data:`ENDPOINT`."""
+        self._socket = socket
+        self._allowed = allowed
+        self.refused: Counter[str] = Counter()
+        self.admitted: Counter[str] = Counter()
+
+    def serve(self, most: int = 64) -> None:
+        """Answer what was asked, at most ``most`` questions."""
+        for _ in range(most):
+            try:
+                frames = self._socket.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return
+            self._socket.send_multipart(self._answer(frames))
+
+    def _answer(self, frames: Sequence[bytes]) -> list[bytes]:
+        version, request = frames[0], frames[1] if len(frames) > 1 else b""
+        port = frames[2].decode(errors="replace") if len(frames) > 2 else ""
+        grant = None
+        if version == b"1.0" and len(frames) == 7 and frames[5] == b"CURVE" and len(frames[6]) == 32:
+            grant = self._allowed.of_key(zmq.utils.z85.encode(frames[6]).decode("ascii"))
+        if grant is None or port not in grant.ports:
+            self.refused[port] += 1
+            return [b"1.0", request, b"400", b"not on the allow-list for this port", b"", b""]
+        self.admitted[port] += 1
+        return [b"1.0", request, b"200", b"OK", grant.name.encode(), b""]
