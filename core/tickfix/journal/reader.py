@@ -1,0 +1,182 @@
+"""Reading a journal: its segments, and its records in their order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from tickfix.journal.errors import JournalDamaged, JournalError
+from tickfix.journal.folder import segment_paths
+from tickfix.journal.manifest import Manifest
+from tickfix.journal.records import Record
+from tickfix.journal.segment_reader import Damage, SegmentReader, begins_with_snapshot
+
+
+class Since(Enum):
+    """Where reading begins."""
+
+    FIRST = "first"
+    """With the oldest segment of the run that is still there."""
+    REPLAYABLE = "replayable"
+    """With the newest segment from which the run can be repeated: it begins with a snapshot, or with the run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """What is known of a segment.
+
+    Attributes:
+        path, size: of the file, in bytes.
+        manifest: None where it is damaged.
+        first_number, last_number: of its intact records; the last is one less than the first where it has none.
+        complete: it is closed; one whose writer died is not, and can be read all the same.
+        damage: what is not as it was written; of a complete one only known where it was read through.
+        replayable: the run can be repeated from here.
+        start_ns, end_ns: wall clock of its oldest and newest record; 0 where it has none.
+    """
+
+    path: Path
+    size: int
+    manifest: Manifest | None
+    first_number: int
+    last_number: int
+    complete: bool
+    damage: tuple[Damage, ...]
+    replayable: bool
+    start_ns: int
+    end_ns: int
+
+
+class JournalReader:
+    """Reads a journal's folder, or one segment of it; nothing is ever written.
+
+    Args:
+        place: the folder, or a segment.
+    """
+
+    def __init__(self, place: Path) -> None:
+        """Keep the place."""
+        self.place = place
+
+    def paths(self) -> tuple[Path, ...]:
+        """Return the segments' files in their order.
+
+        Raises:
+            JournalError: when there is no such place, or no segment in it.
+        """
+        paths = (self.place,) if self.place.is_file() else segment_paths(self.place)
+        if not paths:
+            raise JournalError(f"{self.place}: no segment in it; expected 000001.mcap or later ones")
+        return paths
+
+    def segments(self, *, thorough: bool = False) -> tuple[Segment, ...]:
+        """Describe the segments.
+
+        Args:
+            thorough: read complete ones, too, from end to end, instead of taking their summaries' word.
+        """
+        return tuple(describe(path, thorough=thorough) for path in self.paths())
+
+    def records(
+        self, since: Since | int = Since.FIRST, *, on_damage: Callable[[Damage], None] | None = None
+    ) -> Iterator[Record]:
+        """Yield the records of the newest run, in the order of their numbers, without gaps.
+
+        What ends too early (a writer died) is read as far as it goes; the segment after it goes on from there.
+
+        Args:
+            since: where to begin; a number begins with that record.
+            on_damage: told of all damage in the segments read, when it is come across. Then records that are missing
+                in the middle are skipped, too.
+
+        Raises:
+            JournalDamaged: where records are missing and there is no ``on_damage``; all before them were yielded.
+            JournalError: when nothing can be read from ``since`` on.
+        """
+        wanted = since if isinstance(since, int) else 0
+        expected = 0
+        last: Damage | None = None
+        for path in self._paths_since(since):
+            reader = SegmentReader(path)
+            expected = expected or (reader.manifest.first_number if reader.manifest is not None else 0)
+            told = 0
+            for at, records in reader.groups():
+                last = reader.damage[-1] if reader.damage else last
+                told = _tell(reader, told, on_damage)
+                found = records[0].number
+                if found < expected:
+                    raise JournalDamaged(path, at, f"record {found} again; expected record {expected}")
+                if found > expected > 0 and on_damage is None:
+                    raise _missing(last or Damage(path, at, "nothing damaged here"), expected, found)
+                expected = records[-1].number + 1
+                yield from (record for record in records if record.number >= wanted)
+            last = reader.damage[-1] if reader.damage else last
+            _tell(reader, told, on_damage)
+
+    def _paths_since(self, since: Since | int) -> tuple[Path, ...]:
+        paths = self.paths()
+        heads = [SegmentReader(path).manifest for path in paths]
+        run = next((head.run for head in reversed(heads) if head is not None), None)
+        others = [i for i, head in enumerate(heads) if head is not None and head.run != run]
+        oldest = others[-1] + 1 if others else 0
+        if since is Since.FIRST:
+            return paths[oldest:]
+        for i in range(len(paths) - 1, oldest - 1, -1):
+            head = heads[i]
+            if head is None:
+                continue
+            if isinstance(since, int):
+                if head.first_number <= since:
+                    return paths[i:]
+            elif head.first_number == 1 or begins_with_snapshot(paths[i]):
+                return paths[i:]
+        if isinstance(since, int):
+            raise JournalError(f"{self.place}: record {since} is not there; older segments were dropped or damaged")
+        raise JournalError(f"{self.place}: no segment begins with an intact snapshot, so the run cannot be repeated")
+
+
+def describe(path: Path, *, thorough: bool = False) -> Segment:
+    """Describe one segment; see :meth:`JournalReader.segments`."""
+    reader = SegmentReader(path)
+    summary = reader.summary()
+    head = reader.manifest
+    replayable = head is not None and (head.first_number == 1 or begins_with_snapshot(path))
+    if summary is not None and head is not None and not thorough:
+        first = head.first_number
+        last, start_ns, end_ns = first + summary.count - 1, summary.start_ns, summary.end_ns
+    else:
+        numbers: list[int] = []
+        first, last, start_ns, end_ns = 0 if head is None else head.first_number, 0, 0, 0
+        last = first - 1
+        for _, records in reader.groups():
+            walls = [record.wall_ns for record in records]
+            start_ns = min(walls) if not numbers else min(start_ns, *walls)
+            numbers = numbers or [records[0].number]
+            last, end_ns = records[-1].number, max(end_ns, *walls)
+        first = numbers[0] if numbers else first
+    return Segment(
+        path=path,
+        size=reader.size,
+        manifest=head,
+        first_number=first,
+        last_number=last,
+        complete=summary is not None,
+        damage=tuple(reader.damage),
+        replayable=replayable,
+        start_ns=start_ns,
+        end_ns=end_ns,
+    )
+
+
+def _tell(reader: SegmentReader, known: int, on_damage: Callable[[Damage], None] | None) -> int:
+    if on_damage is not None:
+        for damage in reader.damage[known:]:
+            on_damage(damage)
+    return len(reader.damage)
+
+
+def _missing(damage: Damage, expected: int, found: int) -> JournalDamaged:
+    what = f"{damage.what}; found record {found}, expected record {expected}: {found - expected} are missing"
+    return JournalDamaged(damage.path, damage.offset, what)
