@@ -1,9 +1,20 @@
 """The deterministic heart: order, ticks, rewinding, folding. It imports :mod:`tickfix.api` only."""
 
+from tickfix.kernel.device import Standing
 from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.kernel import Kernel, KernelSettings
 from tickfix.kernel.snapshot import KernelSnapshot
 from tickfix.kernel.stages import Failure, Pipeline, Stage
 
-__all__ = ["Failure", "Kernel", "KernelSettings", "KernelSnapshot", "Outcome", "Output", "Pipeline", "Stage"]
+__all__ = [
+    "Failure",
+    "Kernel",
+    "KernelSettings",
+    "KernelSnapshot",
+    "Outcome",
+    "Output",
+    "Pipeline",
+    "Stage",
+    "Standing",
+]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from tickfix.api.events import Event, Fix, Scan
 from tickfix.api.values import Readings
@@ -13,6 +14,21 @@ from tickfix.kernel.measurements import Item
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.snapshot import DeviceSnapshot
 from tickfix.kernel.stages import Caller, Pipeline, Stage
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How far a device has come.
+
+    Attributes:
+        epoch: of its clock.
+        newest_ns: its newest measurement that is believed, on its clock.
+        next_tick: the first tick that is not closed, None before there is one.
+    """
+
+    epoch: int
+    newest_ns: int | None
+    next_tick: int | None
 
 
 class Device:
@@ -73,6 +89,13 @@ class Device:
     def questions(self, scan: Scan) -> list[tuple[Stage, object, Readings]]:
         """Return what the fingerprints would be asked if ``scan`` were folded now: stage, state and window."""
         return self._epoch.questions(scan)
+
+    @property
+    def standing(self) -> Standing:
+        """How far it has come."""
+        epoch = self._epoch
+        next_tick = epoch.timeline.first if epoch.published is None else epoch.published + 1
+        return Standing(self._number, epoch.timeline.newest_ns, next_tick)
 
     @property
     def number(self) -> int:

@@ -58,6 +58,10 @@ class Sequence:
             return True
         return self._missing.pop(seq, seq) is None
 
+    def has_seen(self, seq: int) -> bool:
+        """Tell whether ``seq`` would count as seen, without taking note of it."""
+        return seq <= self._highest and seq not in self._missing
+
     @property
     def highest(self) -> int:
         """The highest number seen."""

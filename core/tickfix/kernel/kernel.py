@@ -15,7 +15,7 @@ import numpy as np
 
 from tickfix.api.events import Event, Fix, Scan, Truth
 from tickfix.api.values import Readings
-from tickfix.kernel.device import Device
+from tickfix.kernel.device import Device, Standing
 from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.intake import Sequence as Numbers
@@ -53,6 +53,7 @@ class Kernel:
         pipelines: in the order in which estimates of a tick are to come.
         starts: devices whose start is known.
         on_failure: told of every stage call that failed.
+        on_call: told of every stage before it is called.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class Kernel:
         *,
         starts: Mapping[str, Fix] = MappingProxyType({}),
         on_failure: Callable[[Failure], None] | None = None,
+        on_call: Callable[[Stage], None] | None = None,
     ) -> None:
         """Begin with no device."""
         self._pipelines = tuple(pipelines)
@@ -71,7 +73,7 @@ class Kernel:
         self._devices: dict[str, Device] = {}
         self._numbers: dict[str, dict[str, Numbers]] = {}
         self._retired: dict[str, int] = {}
-        self._call = Caller(self._failed, strict=self._settings.strict, repack=self._settings.repack)
+        self._call = Caller(self._failed, on_call=on_call, strict=self._settings.strict, repack=self._settings.repack)
         self.intake: Counter[str] = Counter()
         self.measurements: Counter[str] = Counter()
         self.failures: Counter[str] = Counter()
@@ -81,6 +83,16 @@ class Kernel:
         outcome = self._feed(event)
         self.intake[outcome.value] += 1
         return outcome
+
+    def repeats(self, event: Event) -> bool:
+        """Tell whether the event would be a duplicate by its number, without taking note of it."""
+        numbers = self._numbers.get(event.device, {}).get(event.session)
+        return event.seq > 0 and numbers is not None and numbers.has_seen(event.seq)
+
+    def standing(self, device: str) -> Standing | None:
+        """Return how far a device has come, None for one that is not followed."""
+        known = self._devices.get(device)
+        return None if known is None else known.standing
 
     def run(self, device: str, tick: int | None = None) -> Output:
         """Fold what is due for a device; ``tick`` closes ticks up to it whether or not the data has passed them."""

@@ -76,18 +76,29 @@ class Caller:
 
     Args:
         on_failure: told of each failure.
+        on_call: told of each stage before it is called.
         strict: raise instead, for tests.
         repack: pack and unpack every state that a stage returns: slow, and finds states that do not survive it.
     """
 
-    def __init__(self, on_failure: Callable[[Failure], None], *, strict: bool = False, repack: bool = False) -> None:
+    def __init__(
+        self,
+        on_failure: Callable[[Failure], None],
+        *,
+        on_call: Callable[[Stage], None] | None = None,
+        strict: bool = False,
+        repack: bool = False,
+    ) -> None:
         """Keep how to react."""
+        self._on_call = on_call
         self._on_failure = on_failure
         self._strict = strict
         self._repack = repack
 
     def __call__(self, stage: Stage, check: Callable[[Any], Any], call: Callable[..., Any], *args: Any) -> Any:
         """Return what ``call(*args)`` returned, checked by ``check``; or the :class:`Failure`."""
+        if self._on_call is not None:
+            self._on_call(stage)
         try:
             return check(call(*args))
         except Exception as error:

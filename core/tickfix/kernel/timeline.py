@@ -120,6 +120,11 @@ class Timeline:
                 self._counts["dropped"] += 1
 
     @property
+    def newest_ns(self) -> int | None:
+        """The time of the newest measurement, None before the first."""
+        return self._clock.latest_ns
+
+    @property
     def newest(self) -> int | None:
         """The tick that closes the interval of the newest measurement, None before the first."""
         return None if self._clock.latest_ns is None else tick_of(self._clock.latest_ns)

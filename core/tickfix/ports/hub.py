@@ -155,6 +155,10 @@ class Hub:
             raise PortError(f"the ports have stopped: {self._failure!r}") from self._failure
         return items
 
+    def wake(self) -> None:
+        """Let :meth:`take` return, though nothing came in; from any thread."""
+        self._inbox.wake()
+
     def answer(self, incoming: Incoming, outcome: Outcome, detail: str = "") -> None:
         """Settle a message: count its outcome, and tell the sender if it wants to know or must know.
 

@@ -131,6 +131,7 @@ class Inbox:
         self._peers = 0
         self._ready = threading.Condition()
         self._closed = False
+        self._woken = False
 
     def offer(self, incoming: Incoming) -> bool:
         """Put a message in, or say that there is no room for this peer.
@@ -169,7 +170,8 @@ class Inbox:
         """Wait until something is there, or the timeout; return the oldest ``most`` items."""
         with self._ready:
             if not self._items and not self._closed and timeout_s > 0.0:
-                self._ready.wait_for(lambda: bool(self._items) or self._closed, timeout_s)
+                self._ready.wait_for(lambda: bool(self._items) or self._closed or self._woken, timeout_s)
+            self._woken = False
             taken = [self._items.popleft() for _ in range(min(most, len(self._items)))]
             for item in taken:
                 if isinstance(item, Incoming):
@@ -180,6 +182,12 @@ class Inbox:
                     self._messages -= 1
                     self._bytes -= item.n_bytes
             return taken
+
+    def wake(self) -> None:
+        """Let whoever waits, or waits next, return at once."""
+        with self._ready:
+            self._woken = True
+            self._ready.notify_all()
 
     def close(self) -> None:
         """Wake whoever waits; nothing will come any more."""

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from typing import Any, Final
@@ -50,8 +51,8 @@ class Remembering:
         if known is None:
             try:
                 known = self._algorithm.step(state, window), None
-            except Exception as error:  # noqa: BLE001 - it is raised again, here and whenever it is asked again
-                known = None, error
+            except Exception as raised:  # noqa: BLE001 - it is raised again, here and whenever it is asked again
+                known = None, raised
             with self._lock:
                 self._answers[key] = known
                 while len(self._answers) > _REMEMBERED:
@@ -198,10 +199,8 @@ class Locator:
                 job.begun_ns = self._clock_ns()
                 self._working.append(job)
             for stage, state, window in job.questions:
-                try:
+                with suppress(Exception):  # remembered, and raised again where the kernel asks
                     stage.algorithm.step(state, window)
-                except Exception:  # noqa: BLE001, S110 - remembered, and raised again where the kernel asks
-                    pass
             with self._condition:
                 self._working.remove(job)
                 if job.replaced:
