@@ -30,8 +30,8 @@ from tickfix.ports.settings import PeerLimits
 ENGINE: Final = "engine"
 ALLOWED: Final = "allowed.toml"
 PORTS: Final = ("sensors", "positions", "control", "follow")
-_NAME_BYTES: Final = 64
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+_NAME_WORDS: Final = "letters, digits, _ and -, at most 64 of them, a letter or digit first"
 
 _Positive = Annotated[float, msgspec.Meta(gt=0)]
 
@@ -93,7 +93,7 @@ def new_pair(name: str, folder: Path) -> Path:
         PortError: when there are such files already; they are left alone.
     """
     if _NAME.fullmatch(name) is None:
-        raise ConfigError("name", repr(name), "letters, digits, _ and -, at most 64 of them")
+        raise ConfigError("name", repr(name), _NAME_WORDS)
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     public, secret = (half.decode("ascii") for half in zmq.curve_keypair())
     secret_file, public_file = folder / f"{name}.key", folder / f"{name}.pub"
@@ -163,8 +163,8 @@ def read_grants(file: Path) -> tuple[Grant, ...]:
     keys: set[str] = set()
     for grant in grants:
         where = f"{file}: {grant.name!r}"
-        if not grant.name or not grant.name.isprintable() or len(grant.name.encode()) > _NAME_BYTES:
-            raise PortError(f"{file}: name: found {grant.name!r}; expected 1 to {_NAME_BYTES} printable bytes")
+        if _NAME.fullmatch(grant.name) is None:
+            raise PortError(f"{file}: name: found {grant.name!r}; expected {_NAME_WORDS}")
         if not is_key(grant.key):
             raise PortError(f"{where}: key: found {grant.key!r}; expected a public key of 40 characters (Z85)")
         if grant.name in names or grant.key in keys:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import secrets
 from collections import Counter, OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,6 +18,8 @@ from tickfix.ports.limits import Allowance
 from tickfix.ports.settings import PeerLimits
 
 _REMEMBERED: Final = 4_096
+_WITHDRAWN: Final = "(withdrawn keys)"
+"""The account of all whose key was taken off the list; no key can have a name with these brackets."""
 
 
 class Account:
@@ -88,11 +92,11 @@ class Peer:
 class Peers:
     """The accounts of those heard most recently."""
 
-    def __init__(self, usual: PeerLimits, allowed: AllowList | None, prefix: str = "connection") -> None:
+    def __init__(self, usual: PeerLimits, allowed: AllowList | None) -> None:
         """Give accounts ``usual`` limits where the allow-list does not say otherwise."""
         self._usual = usual
         self._allowed = allowed
-        self._prefix = prefix
+        self._salt = secrets.token_bytes(16)
         self._accounts: OrderedDict[str, Account] = OrderedDict()
 
     def __iter__(self) -> Iterator[Account]:
@@ -103,10 +107,11 @@ class Peers:
         """Return the peer whose message begins with the frame ``head``, its routing id."""
         routing_id = head.bytes
         if self._allowed is None:
-            return Peer(self._account(f"{self._prefix}-{routing_id.hex()[:64]}", None, now_ns), routing_id, delimited)
-        name = _user_id(head)
-        grant = self._allowed.named(name)
-        account = self._account(name, grant, now_ns)
+            # Not the routing id itself: who knows another's could push it off, and names are shown to all who ask.
+            digest = hashlib.blake2s(routing_id, key=self._salt, digest_size=6).hexdigest()
+            return Peer(self._account(f"connection-{digest}", None, now_ns), routing_id, delimited)
+        grant = self._allowed.of_key(_user_id(head))
+        account = self._account(_WITHDRAWN if grant is None else grant.name, grant, now_ns)
         return Peer(account, routing_id, delimited, grant is not None)
 
     def _account(self, name: str, grant: Grant | None, now_ns: int) -> Account:
@@ -127,7 +132,7 @@ class Peers:
 
 
 def _user_id(frame: zmq.Frame) -> str:
-    """Return the name that the doorkeeper gave to the connection of this frame."""
+    """Return the key that the doorkeeper admitted the connection of this frame with."""
     try:
         return str(frame.get("User-Id"))
     except zmq.ZMQError:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
+import secrets
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Final, cast
 
 import zmq
@@ -71,13 +74,25 @@ def open_router(context: zmq.Context[Any], *, queued: int, frame_bytes: int) -> 
 
     MANDATORY: an answer to a peer that left, or does not read, is an error that can be counted, not a silent loss.
     HANDOVER: a phone that chose its routing id and changed its network would otherwise be ignored for as long as its
-    old connection looks alive. The price is that a peer may push another off that chose the same id; ids that libzmq
-    gives out cannot be chosen by its clients, so peers that need this protection leave the id unset.
+    old connection looks alive. The price is that a peer may push another off whose id it knows; ids that libzmq gives
+    out are told to nobody and begin anywhere, see :func:`scatter_routing_ids`.
     """
+    scatter_routing_ids()
     socket = open_socket(context, zmq.ROUTER, queued=queued, frame_bytes=frame_bytes)
     socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
     socket.setsockopt(zmq.ROUTER_HANDOVER, 1)
     return socket
+
+
+def scatter_routing_ids() -> None:
+    """Let the routing ids that libzmq gives to connections begin anywhere.
+
+    libzmq 4.3.5 takes the first from ``rand`` of the C library, which it never seeds, and counts up. It also believes
+    any id that a peer claims: one that claims the id given out next aborts the whole process at the next connection
+    (``Assertion failed: ok (src/socket_base.cpp)``). So nobody may be able to tell which is next.
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).srand(secrets.randbits(32))
 
 
 def demand_keys(socket: zmq.Socket[bytes], port: str, engine: KeyPair) -> None:
