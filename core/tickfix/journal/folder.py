@@ -40,6 +40,12 @@ def segment_paths(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(found, key=segment_index))
 
 
+def clear_unborn(folder: Path) -> None:
+    """Remove segments whose writer died before they had a beginning; the caller has the lock."""
+    for path in folder.glob(f"*.mcap{UNBORN}"):
+        path.unlink()
+
+
 def make_folder(folder: Path) -> None:
     """Make the folder, and see that it outlives a loss of power.
 

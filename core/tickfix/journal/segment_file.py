@@ -23,7 +23,8 @@ class SegmentFile:
     """
 
     def __init__(self, path: Path, manifest: Manifest, opening: Group | None = None) -> None:
-        """Create the file; under its name it appears with its beginning and the first group whole.
+        """Create the file; under its name it appears with its beginning and the first group whole. The caller has
+        the folder's lock, and sees to it that no such segment is there.
 
         Raises:
             JournalFull: when there is no room; then there is no file.
@@ -35,19 +36,17 @@ class SegmentFile:
         unborn = path.with_name(path.name + UNBORN)
         framed = None if opening is None else frame_group(self.layout.offset, opening, opening.data())
         try:
-            self.handle = os.open(unborn, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o644)
+            self.handle = os.open(unborn, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
         except OSError as error:
             raise write_error(path, error) from error
         try:
             _write(self.handle, self.layout.beginning + (b"" if framed is None else framed.data), 0)
-            # A link, unlike a rename, never takes the place of a file that is there.
-            os.link(unborn, path)
+            unborn.rename(path)
         except OSError as error:
             os.close(self.handle)
-            raise write_error(path, error) from error
-        finally:
             with suppress(OSError):
                 unborn.unlink()
+            raise write_error(path, error) from error
         if framed is not None:
             self.layout.count(framed)
 

@@ -12,7 +12,7 @@ from typing import Final, Self
 
 from tickfix.journal.disk_thread import DiskThread
 from tickfix.journal.errors import JournalError
-from tickfix.journal.folder import FolderLock, make_folder, segment_index, segment_path, segment_paths
+from tickfix.journal.folder import FolderLock, clear_unborn, make_folder, segment_index, segment_path, segment_paths
 from tickfix.journal.manifest import Manifest
 from tickfix.journal.records import Group, Kind
 from tickfix.journal.retention import drop_old
@@ -57,6 +57,7 @@ class JournalWriter:
         make_folder(folder)
         self._lock = FolderLock(folder)
         try:
+            clear_unborn(folder)
             index = max(map(segment_index, segment_paths(folder)), default=0) + 1
             self._file = self._begin(index, first_number, None)
         except BaseException:

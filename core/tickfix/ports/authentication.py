@@ -34,21 +34,22 @@ class AllowList:
         self._set(read_grants(self._file))
         self.problem = ""
 
-    def refresh(self) -> bool:
-        """Read the file again if it changed; return whether the list changed."""
+    def refresh(self) -> frozenset[str]:
+        """Read the file again if it changed; return the ports that some key may use no longer."""
         stamp = self._look()
         if stamp == self._stamp:
-            return False
+            return frozenset()
         self._stamp = stamp
         try:
             grants = read_grants(self._file)
         except PortError as error:
             self.problem = str(error)
-            return False
+            return frozenset()
         self.problem = ""
         before = self._by_key
         self._set(grants)
-        return before != self._by_key
+        now = {key: grant.ports for key, grant in self._by_key.items()}
+        return frozenset(port for key, grant in before.items() for port in grant.ports if port not in now.get(key, ()))
 
     def of_key(self, key: str) -> Grant | None:
         """Return the entry of this public key."""

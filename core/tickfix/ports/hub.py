@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -41,6 +42,8 @@ _ERRANDS: Final = 32
 _WAITING: Final = 200_000
 _LOOK_NS: Final = 500_000_000
 _LAST_WORDS_MS: Final = 250
+_TRIES: Final = 400
+_TRY_S: Final = 0.005
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,18 +233,10 @@ class Hub:
             doors.setsockopt(zmq.LINGER, 0)
             doors.bind(ENDPOINT)
             self._doorkeeper = Doorkeeper(doors, self._allowed)
-        # One frame may be twice as long as a message may be, so that the sender of the first too long one is told.
-        frame_bytes = {"sensors": 2 * settings.message.message_bytes, "control": _REQUEST_BYTES}
         endpoints = {}
         for name, address in self._bound.items():
-            if name in frame_bytes:
-                socket = open_router(context, queued=_QUEUED[name], frame_bytes=frame_bytes[name])
-            else:
-                socket = open_socket(context, zmq.XPUB, queued=_QUEUED[name], frame_bytes=_SUBSCRIPTION_BYTES)
-            self._sockets[name] = socket
-            if self._engine is not None:
-                demand_keys(socket, name, self._engine)
-            endpoints[name] = bind(socket, f"ports.{name}", address, private=self._engine is None)
+            self._sockets[name] = self._opened(context, name)
+            endpoints[name] = bind(self._sockets[name], f"ports.{name}", address, private=self._engine is None)
         self.addresses = Addresses(**({"follow": ""} | endpoints))
         self._sensors = Sensors(
             self._sockets["sensors"],
@@ -267,6 +262,18 @@ class Hub:
         if "follow" in self._sockets:
             self._following = Following(self._sockets["follow"], run=self._run)
 
+    def _opened(self, context: zmq.Context[Any], name: str) -> zmq.Socket[bytes]:
+        """Make the socket of a port, not yet bound."""
+        # One frame may be twice as long as a message may be, so that the sender of the first too long one is told.
+        frame_bytes = {"sensors": 2 * self._settings.message.message_bytes, "control": _REQUEST_BYTES}
+        if name in frame_bytes:
+            socket = open_router(context, queued=_QUEUED[name], frame_bytes=frame_bytes[name])
+        else:
+            socket = open_socket(context, zmq.XPUB, queued=_QUEUED[name], frame_bytes=_SUBSCRIPTION_BYTES)
+        if self._engine is not None:
+            demand_keys(socket, name, self._engine)
+        return socket
+
     def _serve(self) -> None:
         linger_ms = 0
         try:
@@ -283,28 +290,34 @@ class Hub:
 
     def _rounds(self) -> None:
         """Serve every socket in turn, a little of each, until told to stop."""
-        services: dict[Any, Callable[[], None]] = {
-            self._sockets["positions"]: self._positions.serve,
-            self._sockets["control"]: self._control.serve,
-            self._sockets["sensors"]: self._sensors.serve,
-        }
-        if "follow" in self._sockets:
-            services[self._sockets["follow"]] = self._following.serve
-        if self._doorkeeper is not None:
-            services[self._sockets["zap"]] = self._doorkeeper.serve
-        poller = zmq.Poller()
-        poller.register(self._errands.wake, zmq.POLLIN)
-        for socket in services:
-            poller.register(socket, zmq.POLLIN)
+        self._watch()
         while not self._stopping:
-            ready = dict(poller.poll(self._wait_ms(poller)))
-            for socket, serve in services.items():
+            ready = dict(self._poller.poll(self._wait_ms()))
+            for socket, serve in self._services.items():
                 if socket in ready:
                     self._guarded(serve)
-            for chore in (self._run_errands, self._positions.repeat, self._look):
+            for chore in (self._run_errands, self._positions.repeat):
                 self._guarded(chore)
+            self._look()
 
-    def _wait_ms(self, poller: zmq.Poller) -> int:
+    def _watch(self) -> None:
+        """Have the sockets that are open now polled and served."""
+        serves: dict[str, Callable[[], None]] = {
+            "positions": self._positions.serve,
+            "control": self._control.serve,
+            "sensors": self._sensors.serve,
+        }
+        if "follow" in self._sockets:
+            serves["follow"] = self._following.serve
+        if self._doorkeeper is not None:
+            serves["zap"] = self._doorkeeper.serve
+        self._services = {self._sockets[name]: serve for name, serve in serves.items()}
+        self._poller = zmq.Poller()
+        self._poller.register(self._errands.wake, zmq.POLLIN)
+        for socket in self._services:
+            self._poller.register(socket, zmq.POLLIN)
+
+    def _wait_ms(self) -> int:
         """Return how long there is nothing to do unless something comes in; ports that pause are not listened to."""
         now_ns = self._clock.monotonic_ns()
         due_ns = [self._positions.beat(len(self._sensors.speakers)), self._look_ns]
@@ -313,7 +326,7 @@ class Hub:
             ("control", self._control.closed_until_ns),
         ):
             pauses = until_ns > now_ns
-            poller.modify(self._sockets[name], 0 if pauses else zmq.POLLIN)
+            self._poller.modify(self._sockets[name], 0 if pauses else zmq.POLLIN)
             if pauses:
                 due_ns.append(until_ns)
         if (repeats_ns := self._positions.repeats_at_ns) is not None:
@@ -321,12 +334,40 @@ class Hub:
         return 0 if self._errands else max(0, -(-(min(due_ns) - now_ns) // 1_000_000))
 
     def _look(self) -> None:
-        """See whether the allow-list has changed, now and then."""
+        """See now and then whether the allow-list has changed, and cut off listeners that lost their place on it."""
         now_ns = self._clock.monotonic_ns()
-        if now_ns >= self._look_ns:
-            self._look_ns = now_ns + _LOOK_NS
-            if self._allowed is not None:
-                self._allowed.refresh()
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + _LOOK_NS
+        if self._allowed is None:
+            return
+        publishers = {"positions": self._positions.publisher}
+        if "follow" in self._sockets:
+            publishers["follow"] = self._following.publisher
+        for name in self._allowed.refresh() & publishers.keys():
+            publishers[name].use(self._reopen(name))
+            self._watch()
+
+    def _reopen(self, name: str) -> zmq.Socket[bytes]:
+        """Close a port and open it again.
+
+        libzmq cannot cut off one connection. This cuts off all; those that may come back do so by themselves, and get
+        the last values again.
+        """
+        assert self._context is not None  # noqa: S101 - for the type checker: the hub is open
+        old = self._sockets[name]
+        old.unbind(endpoint_of(old))
+        old.close(0)
+        address = parse_address(f"ports.{name}", getattr(self.addresses, name))
+        socket = self._sockets[name] = self._opened(self._context, name)
+        for _ in range(_TRIES):
+            # The old socket gives its address back on a thread of libzmq's, in a moment.
+            with suppress(PortError):
+                bind(socket, f"ports.{name}", address, private=False)
+                return socket
+            time.sleep(_TRY_S)
+        bind(socket, f"ports.{name}", address, private=False)
+        return socket
 
     def _run_errands(self) -> None:
         self._errands.run(_ERRANDS)

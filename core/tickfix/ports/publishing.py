@@ -23,12 +23,16 @@ class Publisher:
 
     def __init__(self, socket: zmq.Socket[bytes]) -> None:
         """Publish on ``socket``, a bound XPUB."""
-        self._socket = socket
-        self._socket.setsockopt(zmq.XPUB_VERBOSE, 1)
-        self._socket.setsockopt(zmq.XPUB_NODROP, 1)
+        self.use(socket)
         self.sent = 0
         self.sent_bytes = 0
         self.stalls = 0
+
+    def use(self, socket: zmq.Socket[bytes]) -> None:
+        """Publish on this socket from now on."""
+        self._socket = socket
+        socket.setsockopt(zmq.XPUB_VERBOSE, 1)
+        socket.setsockopt(zmq.XPUB_NODROP, 1)
 
     def send(self, frames: Sequence[bytes]) -> None:
         """Publish one message; its first frame is the topic."""
