@@ -1,0 +1,101 @@
+"""What the loop writes down, in the order in which it happened: to the journal, and to engines that follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tickfix.api import Estimate, Event
+from tickfix.journal import JournalWriter, Kind
+from tickfix.ports import Hub
+from tickfix.wire import encode_estimate, encode_event
+from tickfix.wire.decisions import Decision, encode_decision
+
+
+class Ledger:
+    """Numbers and keeps events, decisions and estimates; nothing is said to anyone before :meth:`commit`.
+
+    Args:
+        journal: None keeps nothing, and only numbers.
+        hub: through which others follow.
+    """
+
+    def __init__(self, journal: JournalWriter | None, hub: Hub) -> None:
+        """Begin where the journal does."""
+        self._journal = journal
+        self._hub = hub
+        self._number = 0
+        self._followed: list[tuple[bytes, int, bytes]] = []
+
+    def event(self, event: Event) -> int:
+        """Write down an event and return its number."""
+        payload = encode_event(event)
+        number = self._append(Kind.EVENT, event.device, event.t_ns, payload)
+        self._followed.append((b"event", number, payload))
+        return number
+
+    def decision(self, decision: Decision, device: str, t_ns: int) -> None:
+        """Write down a decision about a device."""
+        payload = encode_decision(decision)
+        number = self._append(Kind.DECISION, device, t_ns, payload)
+        self._followed.append((b"decision", number, payload))
+
+    def estimate(self, estimate: Estimate) -> bytes:
+        """Write down an estimate, and return its bytes."""
+        payload = encode_estimate(estimate)
+        kind = Kind.REVISION if estimate.revision else Kind.ESTIMATE
+        self._append(kind, estimate.device, estimate.t_ns, payload)
+        return payload
+
+    def commit(self) -> int:
+        """Make what was written down survive this process, show it to those who follow, and return the last number.
+
+        Raises:
+            JournalFull: when there is no room; what was written down waits for the next try.
+            JournalError: when the journal cannot be written.
+        """
+        if self._journal is not None:
+            self._journal.commit()
+        followed, self._followed = self._followed, []
+        if followed:
+            self._hub.follow(followed)
+        return self._number
+
+    def cut(self, snapshot: Callable[[], bytes]) -> None:
+        """Begin a new segment where the journal wants one."""
+        if self._journal is not None and self._journal.wants_segment():
+            self._journal.new_segment(snapshot())
+
+    def when_durable(self, number: int, then: Callable[[], None]) -> None:
+        """Have ``then`` called once every record up to ``number`` is on the disk; at once without a journal."""
+        if self._journal is None:
+            then()
+        else:
+            self._journal.when_durable(number, then)
+
+    @property
+    def is_dirty(self) -> bool:
+        """Something was written down since the last commit."""
+        return bool(self._followed) or (self._journal is not None and self._journal.pending > 0)
+
+    def status(self) -> dict[str, int | str]:
+        """Return what an operator wants to know of the journal; empty without one."""
+        if self._journal is None:
+            return {}
+        return {
+            "segment": str(self._journal.path),
+            "records": self._journal.next_number - 1,
+            "durable": self._journal.durable,
+            "pending": self._journal.pending,
+        }
+
+    def close(self) -> None:
+        """Commit and close the journal."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def _append(self, kind: Kind, device: str, t_ns: int, payload: bytes) -> int:
+        if self._journal is None:
+            self._number += 1
+        else:
+            self._number = self._journal.append(kind, device, t_ns, payload)
+        return self._number
