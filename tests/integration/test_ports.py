@@ -260,7 +260,8 @@ def test_devices_are_limited_and_one_that_left_makes_room(
     assert [outcome(two, device) for device in "cd"] == ["accepted", "busy"]
     assert outcome(two, "a") == "unauthorised"
     hub.forget("a")
-    assert outcome(two, "d") == "accepted"
+    # It is done on the thread of the ports, which may have a message or two before it.
+    assert "accepted" in [outcome(two, "d") for _ in range(100)]
 
 
 def test_a_flood_is_throttled_before_decoding_and_costs_the_others_nothing(open_hub: Open, connect: Connect) -> None:
