@@ -1,0 +1,95 @@
+"""What sensor, listener and control share: keys, sockets, and messages as maps."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import msgpack
+import zmq
+
+VERSION: Final = 1
+"""The protocol version spoken here."""
+
+
+class ClientError(Exception):
+    """Root of the errors of this package."""
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """CURVE keys, each 40 characters of Z85.
+
+    Attributes:
+        public, secret: this client's own pair.
+        engine: the engine's public key.
+    """
+
+    public: str
+    secret: str = field(repr=False)
+    engine: str
+
+    @staticmethod
+    def read(own: str | Path, engine: str | Path) -> Keys:
+        """Read the own ``NAME.key`` and the engine's ``engine.pub``, as ``tickfix keys`` makes them.
+
+        Raises:
+            ClientError: when a file cannot be read or holds no such key.
+        """
+        tables = []
+        for file in (Path(own), Path(engine)):
+            try:
+                tables.append(tomllib.loads(file.read_text("utf-8")))
+            except (OSError, ValueError) as error:
+                raise ClientError(f"{file}: cannot be read: {error}") from error
+        mine, theirs = tables
+        for path, table, name in ((own, mine, "public"), (own, mine, "secret"), (engine, theirs, "public")):
+            if not isinstance(table.get(name), str) or len(table[name]) != 40:
+                raise ClientError(f"{path}: found no {name} key; expected {name} = 40 characters")
+        return Keys(mine["public"], mine["secret"], theirs["public"])
+
+
+def open_socket(kind: int, keys: Keys | None, context: zmq.Context[zmq.Socket[bytes]] | None) -> zmq.Socket[bytes]:
+    """Return a socket that speaks CURVE where there are keys, and never keeps a process from ending."""
+    socket = (context or zmq.Context.instance()).socket(kind)
+    socket.linger = 0
+    socket.setsockopt(zmq.TCP_KEEPALIVE, 1)
+    socket.setsockopt(zmq.RECONNECT_IVL, 100)
+    socket.setsockopt(zmq.RECONNECT_IVL_MAX, 5_000)
+    socket.setsockopt(zmq.HEARTBEAT_IVL, 2_000)
+    socket.setsockopt(zmq.HEARTBEAT_TIMEOUT, 6_000)
+    if keys is not None:
+        socket.curve_publickey = keys.public.encode()
+        socket.curve_secretkey = keys.secret.encode()
+        socket.curve_serverkey = keys.engine.encode()
+    return socket
+
+
+def connect(socket: zmq.Socket[bytes], address: str) -> None:
+    """Connect, now or as soon as there is someone; a socket that cannot is closed.
+
+    Raises:
+        ClientError: for an address that cannot be.
+    """
+    try:
+        socket.connect(address)
+    except zmq.ZMQError as error:
+        socket.close()
+        raise ClientError(f"address: found {address!r} ({error}); expected one such as tcp://127.0.0.1:5571") from error
+
+
+def packed(message: dict[str, Any]) -> bytes:
+    """Return a message's bytes."""
+    data: bytes = msgpack.packb(message, use_bin_type=True)
+    return data
+
+
+def unpacked(data: bytes) -> dict[str, Any] | None:
+    """Return a message as a map, or None for anything else: a client passes over what it does not understand."""
+    try:
+        message = msgpack.unpackb(data, raw=False)
+    except (ValueError, msgpack.UnpackException):
+        return None
+    return message if isinstance(message, dict) else None

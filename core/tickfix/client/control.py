@@ -1,0 +1,143 @@
+"""Asks an engine how it is, and tells it what to do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self
+
+import zmq
+
+from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, unpacked
+
+
+class NoAnswerError(ClientError, TimeoutError):
+    """Nobody answered in time."""
+
+
+class RefusedError(ClientError):
+    """The engine answered that it cannot, and why."""
+
+
+class Control:
+    """Requests to an engine's control port, one after the other.
+
+    Args:
+        address: the engine's control port.
+        keys: CURVE keys, where the engine asks for them.
+        timeout_s: how long to wait for an answer.
+        clock: seconds, monotonic.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        keys: Keys | None = None,
+        timeout_s: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
+        context: zmq.Context[zmq.Socket[bytes]] | None = None,
+    ) -> None:
+        """Connect; that nobody is there yet is no error before the first request.
+
+        Raises:
+            ClientError: for an address that cannot be.
+        """
+        self._address = address
+        self._keys = keys
+        self._timeout_s = timeout_s
+        self._clock = clock
+        self._context = context
+        self._socket = self._open()
+
+    def request(self, what: str, **args: Any) -> Any:
+        """Ask, and return what is answered; arguments as the protocol's page lists them.
+
+        Raises:
+            NoAnswerError: when there is none in time.
+            RefusedError: when the engine cannot do it, with its words.
+        """
+        self._socket.send(packed({"v": VERSION, "type": "request", "what": what, "args": args}))
+        deadline_s = self._clock() + self._timeout_s
+        while self._socket.poll(int(max(0.0, 1000.0 * (deadline_s - self._clock()))) + 1):
+            answer = unpacked(self._socket.recv_multipart()[-1])
+            if answer is None:
+                continue
+            if answer.get("type") == "error":
+                told = {"field": "?", "found": "?", "expected": "?", **answer}
+                raise RefusedError(f"{what}: " + "{field}: found {found}; expected {expected}".format_map(told))
+            if answer.get("type") == "reply" and answer.get("what") == what:
+                if answer.get("ok"):
+                    return answer.get("data")
+                raise RefusedError(f"{what}: {answer.get('data')}")
+        # A late answer must not be taken for that of the next request: it dies with its socket.
+        self._socket.close()
+        self._socket = self._open()
+        raise NoAnswerError(
+            f"{self._address}: no answer to {what!r} within {self._timeout_s:g} s; is an engine running there, "
+            "is this its control port, and does it let this client in?"
+        )
+
+    def status(self) -> Any:
+        """Return what `tickfix status` shows."""
+        return self.request("status")
+
+    def health(self) -> Any:
+        """Return whether the engine keeps up, and what ails it."""
+        return self.request("health")
+
+    def counters(self) -> Any:
+        """Return the counts: messages by outcome, and what pipelines made of them."""
+        return self.request("counters")
+
+    def devices(self) -> Any:
+        """Return the devices followed."""
+        return self.request("devices")
+
+    def pipelines(self) -> Any:
+        """Return the pipelines and their stages."""
+        return self.request("pipelines")
+
+    def plugins(self) -> Any:
+        """Return the plugins, and what is wrong with those left out."""
+        return self.request("plugins")
+
+    def configuration(self) -> Any:
+        """Return the configuration that the engine runs with."""
+        return self.request("configuration")
+
+    def subscribe_info(self) -> Any:
+        """Return the run, the site and the addresses of the other ports."""
+        return self.request("subscribe-info")
+
+    def primary(self, pipeline: str) -> Any:
+        """Make a pipeline the primary one."""
+        return self.request("primary", pipeline=pipeline)
+
+    def drain(self) -> Any:
+        """Tell the engine to take no more messages, and to finish what it has."""
+        return self.request("drain")
+
+    def stop(self) -> Any:
+        """Tell the engine to end."""
+        return self.request("stop")
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        """Return the control itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _open(self) -> zmq.Socket[bytes]:
+        socket = open_socket(zmq.DEALER, self._keys, self._context)
+        connect(socket, self._address)
+        return socket

@@ -1,0 +1,173 @@
+"""Hears estimates, and notices what it did not hear."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator
+from types import TracebackType
+from typing import Any, Final, Self
+from urllib.parse import unquote
+
+import zmq
+
+from tickfix.client.connection import Keys, connect, open_socket, unpacked
+
+_HEARTBEAT: Final = b"heartbeat"
+_MOST_STREAMS: Final = 100_000
+
+
+class Listener:
+    """Iterates over estimates as maps.
+
+    Gaps are noticed by the numbers of each stream (site, device, pipeline). A subscription that chooses floors
+    does not hear the numbers a stream has on other floors; for it no gaps are reported.
+
+    Args:
+        address: the engine's positions port.
+        topics: prefixes; names in them are percent-encoded, and end with ``/`` to be whole.
+        keys: CURVE keys, where the engine asks for them.
+        on_gap: called with (site, device, pipeline, number missed).
+        on_silence: called with the seconds since anything was heard, once for every silence.
+        on_run: called with the id of another run of the engine than the one heard before.
+        silence_s: how long is a silence; the engine sends a heartbeat every second unless set otherwise.
+        timeout_s: iteration ends when no estimate came for so long; None waits for ever.
+        clock: seconds, monotonic.
+
+    Attributes:
+        missed: estimates known to be missed.
+        repeated: estimates heard before, as after a reconnection; they are not told again.
+        run: id of the engine's run, None before anything was heard.
+        heartbeat: the last heartbeat, None before the first.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        topics: Iterable[str] = ("estimate/",),
+        *,
+        keys: Keys | None = None,
+        on_gap: Callable[[str, str, str, int], None] | None = None,
+        on_silence: Callable[[float], None] | None = None,
+        on_run: Callable[[str], None] | None = None,
+        silence_s: float = 5.0,
+        timeout_s: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+        context: zmq.Context[zmq.Socket[bytes]] | None = None,
+    ) -> None:
+        """Connect and subscribe; that nobody is there yet is no error.
+
+        Raises:
+            ClientError: for an address that cannot be.
+        """
+        self.missed = 0
+        self.repeated = 0
+        self.run: str | None = None
+        self.heartbeat: dict[str, Any] | None = None
+        self._prefixes = tuple(topic.encode() for topic in topics)
+        self._on_gap = on_gap
+        self._on_silence = on_silence
+        self._on_run = on_run
+        self._silence_s = silence_s
+        self._timeout_s = timeout_s
+        self._clock = clock
+        self._heard_s = clock()
+        self._silent = False
+        self._last: OrderedDict[tuple[str, ...], int] = OrderedDict()
+        self._socket = open_socket(zmq.SUB, keys, context)
+        for prefix in (*self._prefixes, _HEARTBEAT):
+            self._socket.subscribe(prefix)
+        connect(self._socket, address)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """Go through estimates as they come, until ``timeout_s`` passed without one."""
+        while (estimate := self.receive(self._timeout_s)) is not None:
+            yield estimate
+
+    def receive(self, timeout_s: float | None = None) -> dict[str, Any] | None:
+        """Return the next estimate, or None when there was none within ``timeout_s``; None waits for ever."""
+        deadline_s = None if timeout_s is None else self._clock() + timeout_s
+        while True:
+            now_s = self._clock()
+            ends_s = [
+                s for s in (deadline_s, None if self._silent else self._heard_s + self._silence_s) if s is not None
+            ]
+            wait_ms = max(0.0, 1000.0 * (min(ends_s) - now_s)) if ends_s else None
+            if self._socket.poll(None if wait_ms is None else int(wait_ms) + 1):
+                estimate = self._take(self._socket.recv_multipart())
+                if estimate is not None:
+                    return estimate
+            now_s = self._clock()
+            self._watch(now_s)
+            if deadline_s is not None and now_s >= deadline_s:
+                return None
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        """Return the listener itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _watch(self, now_s: float) -> None:
+        silence_s = now_s - self._heard_s
+        if not self._silent and silence_s >= self._silence_s:
+            self._silent = True
+            if self._on_silence is not None:
+                self._on_silence(silence_s)
+
+    def _take(self, frames: list[bytes]) -> dict[str, Any] | None:
+        self._heard_s = self._clock()
+        self._silent = False
+        if len(frames) != 3:
+            return None
+        topic, envelope, body = frames[0], unpacked(frames[1]), unpacked(frames[2])
+        if envelope is None or body is None:
+            return None
+        self._follow_run(str(envelope.get("run")))
+        if topic == _HEARTBEAT:
+            self.heartbeat = body
+            return None
+        return body if self._is_new(topic, envelope.get("seq")) else None
+
+    def _follow_run(self, run: str) -> None:
+        if run == self.run:
+            return
+        before, self.run = self.run, run
+        self._last.clear()
+        if before is not None and self._on_run is not None:
+            self._on_run(run)
+
+    def _is_new(self, topic: bytes, seq: object) -> bool:
+        """Compare a number with the last of its stream: the same again is no news, one too high is a gap."""
+        names = topic.decode("ascii", "replace").split("/")
+        if type(seq) is not int or len(names) < 4:
+            return True
+        stream = (names[0], names[1], names[-2], names[-1])
+        last = self._last.pop(stream, None)
+        self._last[stream] = seq
+        if len(self._last) > _MOST_STREAMS:
+            self._last.popitem(last=False)
+        if last == seq:
+            self.repeated += 1
+            return False
+        # A smaller number within a run: the stream counts anew, since its device left and came back.
+        if last is not None and seq > last + 1 and self._hears_all_floors(topic):
+            self.missed += seq - last - 1
+            if self._on_gap is not None:
+                site, device, pipeline = map(unquote, stream[1:])
+                self._on_gap(site, device, pipeline, seq - last - 1)
+        return True
+
+    def _hears_all_floors(self, topic: bytes) -> bool:
+        if topic.startswith(b"device/"):
+            return True
+        end_of_site = topic.index(b"/", topic.index(b"/") + 1) + 1
+        return any(topic.startswith(prefix) and len(prefix) <= end_of_site for prefix in self._prefixes)

@@ -1,0 +1,92 @@
+"""Control asks and is answered, refused, or told that nobody is there."""
+
+from __future__ import annotations
+
+from threading import Thread
+
+import pytest
+
+from tickfix.client import Control, NoAnswerError, RefusedError
+from tickfix.wire import REQUESTS, VERSION, Error, Reply, WireError, decode_request, encode, error_for
+
+
+@pytest.fixture
+def answering(sockets):
+    """Return a function that answers the next requests beside the test."""
+    threads = []
+
+    def answer(*answers):
+        def serve():
+            for make in answers:
+                peer, data = sockets.router.recv_multipart()
+                try:
+                    request = decode_request(data)
+                except WireError as error:
+                    sockets.say(peer, error_for(error))
+                else:
+                    for reply in make(request):
+                        sockets.router.send_multipart([peer, reply if isinstance(reply, bytes) else encode(reply)])
+
+        thread = Thread(target=serve)
+        thread.start()
+        threads.append(thread)
+
+    yield answer
+    for thread in threads:
+        thread.join(10.0)
+
+
+def ok(request):
+    return [Reply(v=VERSION, what=request.what, ok=True, data=[request.what, request.args])]
+
+
+def test_every_request_has_a_method(sockets, answering):
+    control = sockets.keep(Control(sockets.address, context=sockets.context))
+    answering(*[ok] * len(REQUESTS))
+    for what in REQUESTS:
+        method = getattr(control, what.replace("-", "_"))
+        args = {"pipeline": "fusion"} if what == "primary" else {}
+        assert method(**args) == [what, args]
+
+
+def test_a_refusal_says_why(sockets, answering):
+    control = sockets.keep(Control(sockets.address, context=sockets.context))
+    answering(
+        lambda request: [Reply(v=VERSION, what=request.what, ok=False, data="no pipeline 'x'")],
+        lambda request: [Error(v=VERSION, outcome="malformed", field="args.pipeline", found="3", expected="a name")],
+        ok,
+    )
+    with pytest.raises(RefusedError, match="primary: no pipeline 'x'"):
+        control.primary("x")
+    with pytest.raises(RefusedError, match=r"args\.pipeline: found 3; expected a name"):
+        control.primary("x")
+    with pytest.raises(RefusedError, match="what: found 'dance'; expected status"):
+        control.request("dance")
+
+
+def test_when_nobody_answers_it_says_what_to_look_at(sockets):
+    control = sockets.keep(Control(sockets.address, timeout_s=0.05, context=sockets.context))
+    with pytest.raises(NoAnswerError, match=r"no answer to 'status' within 0\.05 s; is an engine running there"):
+        control.status()
+
+
+def test_a_late_answer_is_not_taken_for_the_next(sockets, answering):
+    control = sockets.keep(Control(sockets.address, timeout_s=0.05, context=sockets.context))
+    with pytest.raises(TimeoutError):
+        control.status()
+    late, _ = sockets.router.recv_multipart()
+    control._timeout_s = 60.0
+    answering(
+        lambda request: (
+            sockets.router.send_multipart([late, encode(Reply(v=VERSION, what="status", ok=True, data="late"))]),
+            [Reply(v=VERSION, what="status", ok=True, data="in time")],
+        )[1]
+    )
+    assert control.status() == "in time"
+
+
+def test_what_is_no_answer_is_passed_over(sockets, answering):
+    control = sockets.keep(Control(sockets.address, context=sockets.context))
+    other = Reply(v=VERSION, what="health", ok=True, data="other")
+    answering(lambda request: [b"\xc1", other, *ok(request)])
+    assert control.status() == ["status", {}]
