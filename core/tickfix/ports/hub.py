@@ -116,7 +116,6 @@ class Hub:
         self._allowed = None if settings.keys is None else AllowList(settings.keys)
         self._intake = Intake()
         self._inbox = Inbox(settings.queue_messages, settings.queue_bytes)
-        self._errands = Errands()
         self._peers = Peers(settings.peer, self._allowed)
         self._context: zmq.Context[Any] | None = None
         self._sockets: dict[str, zmq.Socket[bytes]] = {}
@@ -137,6 +136,7 @@ class Hub:
         Raises:
             PortError: naming the address that cannot be bound, and why.
         """
+        self._errands = Errands()
         self._context = zmq.Context()
         try:
             self._open(self._context)
@@ -293,11 +293,11 @@ class Hub:
         self._watch()
         while not self._stopping:
             ready = dict(self._poller.poll(self._wait_ms()))
+            self._guarded(self._run_errands)
             for socket, serve in self._services.items():
                 if socket in ready:
                     self._guarded(serve)
-            for chore in (self._run_errands, self._positions.repeat):
-                self._guarded(chore)
+            self._guarded(self._positions.repeat)
             self._look()
 
     def _watch(self) -> None:
