@@ -15,6 +15,7 @@ from tickfix.config import load
 from tickfix.drivers.surveying import survey_walks
 from tickfix.evaluation.run import Wishes, draw_errors, pool, prepare, run_walks
 from tickfix.evaluation.tables import pooled_table
+from tickfix.site.folder import save as save_site
 
 
 def demo(
@@ -51,6 +52,7 @@ def demo(
         for run in run_walks(bench, [walk.recording for walk in scene.walks], wishes):
             runs.append(run)
             show("tracking", len(runs), len(scene.walks))
+    save_site(surveyed.site, out / "site")
     draw_errors(runs, out / "cdf.png")
     summary, failures = pool(runs)
     warn_of((*surveyed.problems, *(f"{what} ({count} ×)" for what, count in failures.items())), "problems")

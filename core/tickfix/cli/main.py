@@ -12,7 +12,10 @@ from tickfix.api import TickfixError
 from tickfix.cli.demo import demo
 from tickfix.cli.plugins import app as plugins_app
 from tickfix.cli.replay import replay
+from tickfix.cli.send import send
+from tickfix.cli.serve import serve
 from tickfix.cli.survey import survey
+from tickfix.client import ClientError
 
 app = typer.Typer(
     name="tickfix",
@@ -24,6 +27,8 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(survey)
 app.command()(replay)
+app.command()(serve)
+app.command()(send)
 app.add_typer(plugins_app, name="plugins")
 
 
@@ -47,7 +52,7 @@ def main() -> None:
     """Run the command: what the user can mend is told in one line, and the exit code is 2."""
     try:
         app()
-    except (TickfixError, OSError) as error:
+    except (TickfixError, ClientError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
         sys.exit(2)
 

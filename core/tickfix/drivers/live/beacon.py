@@ -1,4 +1,4 @@
-"""Signs of life of an engine, in memory that it shares with its supervisor: when it last went round, and in which stage.
+"""Signs of life of an engine, in memory shared with its supervisor: when it last went round, and in which stage.
 
 Writing one costs some hundred nanoseconds, so every call of a stage leaves its mark.
 """
@@ -48,7 +48,8 @@ class Beacon:
     @property
     def silence_s(self) -> float:
         """How long there was no sign."""
-        return (time.monotonic_ns() - _HEAD.unpack_from(self._memory, 0)[0]) * 1e-9
+        last_ns: int = _HEAD.unpack_from(self._memory, 0)[0]
+        return (time.monotonic_ns() - last_ns) * 1e-9
 
     @property
     def stage(self) -> tuple[str, str] | None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tickfix.api import Event, Scan
 from tickfix.api.packing import pack, unpack
-from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Output, Pipeline
+from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Output, Pipeline, Stage
 from tickfix.wire import decode_event, encode_event
 from tickfix.wire.decisions import Decision, Drop, Finish, Fold, Primary, Run
 
@@ -33,9 +33,15 @@ class Replica:
     A scan only waits when it comes: a ``Fold`` decision lets it in, once it has been located beside the loop.
     """
 
-    def __init__(self, pipelines: Sequence[Pipeline], settings: KernelSettings) -> None:
-        """Begin with nothing."""
-        self.kernel = Kernel(pipelines, settings)
+    def __init__(
+        self,
+        pipelines: Sequence[Pipeline],
+        settings: KernelSettings,
+        *,
+        on_call: Callable[[Stage], None] | None = None,
+    ) -> None:
+        """Begin with nothing; ``on_call`` is told of every stage before it is called."""
+        self.kernel = Kernel(pipelines, settings, on_call=on_call)
         self._waiting: dict[int, Scan] = {}
         self.primary = ""
 

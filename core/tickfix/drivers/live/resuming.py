@@ -1,8 +1,8 @@
-"""Going on after a crash, and repeating a run: what a journal holds, applied to a replica."""
+"""Going on after a crash: what a journal holds, applied to a replica."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from tickfix.api import Estimate
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.replica import Replica
 from tickfix.journal import Damage, JournalReader, Kind, Manifest, Record, Since
-from tickfix.wire import decode_estimate, decode_event, encode_estimate
+from tickfix.wire import decode_estimate, decode_event
 from tickfix.wire.decisions import decode_decision
 
 
@@ -64,7 +64,7 @@ def resume(folder: Path, replica: Replica, alive: Callable[[], None]) -> Resumed
         resumed.records += 1
         if record.kind is Kind.SNAPSHOT:
             if not begun:
-                _restore(replica, record)
+                restore(replica, record)
         elif record.kind is Kind.ESTIMATE:
             estimate = decode_estimate(record.payload)
             resumed.last[estimate.device, estimate.pipeline] = record
@@ -85,77 +85,13 @@ def apply(replica: Replica, record: Record) -> list[Estimate]:
     return [*output.revised, *output.published]
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """The first estimate that a repetition says differently.
+def restore(replica: Replica, record: Record) -> None:
+    """Restore a replica from the record of a snapshot.
 
-    Attributes:
-        number: of the record.
-        journaled, repeated: what the journal has and what came out now; None where one of them says nothing.
-        fields: names of what differs.
+    Raises:
+        EngineError: when it cannot be used.
     """
-
-    number: int
-    journaled: Estimate | None
-    repeated: Estimate | None
-    fields: tuple[str, ...]
-
-    def __str__(self) -> str:
-        """Return a sentence that names record, device, tick, pipeline and what differs."""
-        said = self.journaled or self.repeated
-        if said is None:
-            return f"record {self.number}"
-        where = f"record {self.number}, device {said.device!r}, epoch {said.epoch}, tick {said.tick}, {said.pipeline}"
-        if self.repeated is None:
-            return f"{where}: the journal has an estimate that the repetition does not make"
-        if self.journaled is None:
-            return f"{where}: the repetition makes an estimate that the journal does not have"
-        stages = self.repeated.failed_by or self.journaled.failed_by
-        return f"{where}: {', '.join(self.fields)} differ" + (f" (failed: {stages})" if stages else "")
-
-
-def repeat(records: Iterator[Record], replica: Replica) -> Iterator[tuple[Record, Estimate | None, Difference | None]]:
-    """Apply a journal's records and compare every estimate with what comes out now, byte by byte.
-
-    Yields:
-        Each estimate's record, what came out now, and the difference if there is one.
-    """
-    said: list[Estimate] = []
-    begun = False
-    for record in records:
-        if record.kind in (Kind.ESTIMATE, Kind.REVISION):
-            if not begun:
-                continue
-            repeated = said.pop(0) if said else None
-            yield record, repeated, _difference(record, repeated)
-            continue
-        if said:
-            yield record, said[0], Difference(record.number, None, said[0], ())
-            said = []
-        if record.kind is Kind.SNAPSHOT:
-            if not begun:
-                _restore(replica, record)
-        else:
-            said = apply(replica, record)
-        begun = True
-
-
-def _restore(replica: Replica, record: Record) -> None:
     try:
         replica.restore(record.payload)
     except ValueError as error:
         raise EngineError(f"the journal's snapshot (record {record.number}) cannot be used: {error}") from error
-
-
-def _difference(record: Record, repeated: Estimate | None) -> Difference | None:
-    if repeated is not None and encode_estimate(repeated) == record.payload:
-        return None
-    journaled = decode_estimate(record.payload)
-    if repeated is None:
-        return Difference(record.number, journaled, None, ())
-    names = tuple(
-        name
-        for name in Estimate.__dataclass_fields__
-        if repr(getattr(journaled, name)) != repr(getattr(repeated, name))
-    )
-    return Difference(record.number, journaled, repeated, names or ("bytes",))

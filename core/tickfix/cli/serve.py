@@ -1,0 +1,144 @@
+"""``tickfix serve``: an engine that takes sensor data in over ZeroMQ and publishes positions."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tickfix.api import ConfigError, TickfixError
+from tickfix.cli.output import registry
+from tickfix.cli.replay import PipelineNames, configured
+from tickfix.cli.survey import ConfigFile, Seed
+from tickfix.config import Config, load
+from tickfix.drivers.live.beacon import Beacon
+from tickfix.drivers.live.engine import Engine
+from tickfix.drivers.live.serving import Order, resumable
+from tickfix.drivers.live.serving import serve as run_engine
+from tickfix.drivers.live.settings import LiveSettings
+from tickfix.drivers.live.supervisor import supervise
+from tickfix.plugins import Registry
+from tickfix.ports import Addresses
+
+
+def serve(
+    site: Annotated[Path, typer.Argument(metavar="SITE", help="Folder that `tickfix survey` made.")],
+    *,
+    config: ConfigFile = None,
+    pipeline: PipelineNames = None,
+    journal: Annotated[
+        Path | None, typer.Option("--journal", metavar="DIR", help="Keep a journal from which the run repeats.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the journal's newest run.")] = False,
+    sensors: Annotated[str | None, typer.Option("--sensors", metavar="ADDRESS", help="Where sensors connect.")] = None,
+    positions: Annotated[
+        str | None, typer.Option("--positions", metavar="ADDRESS", help="Where listeners connect.")
+    ] = None,
+    control: Annotated[
+        str | None, typer.Option("--control", metavar="ADDRESS", help="Where operators connect.")
+    ] = None,
+    feed: Annotated[
+        str | None, typer.Option("--feed", metavar="ADDRESS", help="Where engines that follow this one connect.")
+    ] = None,
+    keys: Annotated[
+        Path | None, typer.Option("--keys", metavar="DIR", help="Keys that `tickfix keys` made; only they come in.")
+    ] = None,
+    seed: Seed = None,
+    watchdog: Annotated[
+        bool, typer.Option("--watchdog/--no-watchdog", help="Restart an engine that hangs or dies.")
+    ] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print what happens as JSON lines.")] = False,
+) -> None:
+    """Follow devices live: sensors in and positions out over ZeroMQ, every 200 ms, with a journal if wanted.
+
+    Stop it with Ctrl-C or `tickfix status ADDRESS --stop`; after a crash start it again with --resume.
+    """
+    found = registry()
+    settings = configured(load(config, found), pipeline, seed)
+    given = {"sensors": sensors, "positions": positions, "control": control, "follow": feed}
+    given |= {"keys": None if keys is None else str(keys)}
+    settings = _with_ports(settings, {name: value for name, value in given.items() if value is not None})
+    if resume:
+        if journal is None:
+            raise ConfigError("--resume", "no --journal", "--journal DIR, from which to go on")
+        resumable(journal)
+    order = Order(site=site, config=settings, journal=journal, resume=resume)
+
+    def engine(what: Order, beacon: Beacon) -> int:
+        return _engine(what, found, beacon, as_json=as_json)
+
+    if watchdog:
+        silence_s = settings.section("live", LiveSettings).watchdog_s
+        code = supervise(order, engine, silence_s=silence_s, tell=lambda text: _tell(text, as_json=as_json))
+    else:
+        code = engine(order, Beacon())
+    raise typer.Exit(code)
+
+
+def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> int:
+    def began(run: str, addresses: Addresses) -> None:
+        names = ("sensors", "positions", "control", "follow")
+        shown = {name: getattr(addresses, name) for name in names}
+        if as_json:
+            _print({"serving": str(order.site), "run": run} | shown)
+            return
+        kept = "no journal" if order.journal is None else f"journal {order.journal}"
+        sys.stdout.write(f"serving {order.site}, run {run}, {kept}\n")
+        sys.stdout.writelines(f"  {name:<10} {address or 'closed'}\n" for name, address in shown.items())
+        sys.stdout.flush()
+
+    def ending(engine: Engine) -> None:
+        report = engine.report()
+        if as_json:
+            _print({"ended": report})
+            return
+        late, work = report["lateness_ms"], report["work_ms"]
+        sys.stdout.write(
+            f"ended after {report['ticks']} ticks; "
+            f"lateness p50 {late['p50']:.1f} p99 {late['p99']:.1f} max {late['max']:.1f} ms; "
+            f"work a round p50 {work['p50']:.1f} p99 {work['p99']:.1f} max {work['max']:.1f} ms\n"
+        )
+
+    def control(engine: Engine) -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: engine.stop())
+
+    try:
+        run_engine(
+            order,
+            found,
+            beacon,
+            began=began,
+            tell=lambda text: _tell(text, as_json=as_json),
+            ending=ending,
+            control=control,
+        )
+    except (TickfixError, OSError) as error:
+        sys.stderr.write(f"tickfix: {error}\n")
+        return 2
+    return 0
+
+
+def _with_ports(settings: Config, given: dict[str, Any]) -> Config:
+    table = settings.sections.get("ports", {})
+    if not given or not isinstance(table, dict):
+        return settings
+    return replace(settings, sections={**settings.sections, "ports": {**table, **given}})
+
+
+def _tell(text: str, *, as_json: bool) -> None:
+    if as_json:
+        _print({"notice": text})
+    else:
+        sys.stderr.write(f"tickfix: {text}\n")
+        sys.stderr.flush()
+
+
+def _print(value: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(value, ensure_ascii=False) + "\n")
+    sys.stdout.flush()

@@ -1,0 +1,154 @@
+"""Playing recordings to an engine as phones would: in the order and at the pace of their logs, each a device."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import zmq
+
+from tickfix.api import Event, Fix, MotionSamples, Pressure, Recording, Scan, Truth
+from tickfix.client import Keys, Sensor
+
+_PATIENCE_S: Final = 10.0
+_LULL_S: Final = 0.02
+_WINDOW: Final = 2_000
+"""Messages of a device that may wait for their acknowledgement before it pauses."""
+
+
+@dataclass(slots=True)
+class Sent:
+    """What became of what was sent.
+
+    Attributes:
+        messages: sent for the first time; ``resent`` counts repetitions.
+        outcomes: acknowledgements by outcome; ``busy`` and ``throttled`` ones were sent again.
+        unknown: messages whose fate is not known.
+        behind_s: how far sending fell behind the pace, at most.
+    """
+
+    messages: int = 0
+    resent: int = 0
+    outcomes: Counter[str] = field(default_factory=Counter)
+    unknown: int = 0
+    behind_s: float = 0.0
+
+
+def send(
+    walks: Mapping[str, Recording],
+    address: str,
+    *,
+    speed: float = 1.0,
+    keys: Keys | None = None,
+    truth: bool = True,
+    stay: bool = False,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Sent:
+    """Send walks side by side, each under the name of its device.
+
+    Args:
+        walks: by device.
+        address: the engine's sensors port.
+        speed: times faster than they were logged; 0 as fast as the engine takes them.
+        truth: send waypoints, too; no tracker sees them.
+        stay: do not say goodbye at the end of a walk.
+        progress: told how many messages of how many were sent.
+
+    Raises:
+        ClientError: for an address that cannot be, or when the engine refuses the devices.
+    """
+    events = {device: _in_order(walk.events, truth=truth) for device, walk in walks.items()}
+    sent = Sent()
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    context.set(zmq.MAX_SOCKETS, 3 * len(walks) + 64)
+    sensors = {device: Sensor(address, device, keys=keys, context=context) for device in walks}
+    try:
+        for device, sensor in sensors.items():
+            sensor.hello(_rates(walks[device].events), clock="recording")
+        _play(events, sensors, sent, speed, progress, clock, sleep)
+        for sensor in sensors.values():
+            if stay:
+                sensor.flush(_PATIENCE_S)
+            else:
+                sensor.bye(_PATIENCE_S)
+    finally:
+        for sensor in sensors.values():
+            sent.resent += sensor.resent
+            sent.outcomes += sensor.outcomes
+            sent.unknown += sensor.close()
+        context.term()
+    return sent
+
+
+def _play(
+    events: Mapping[str, list[Event]],
+    sensors: Mapping[str, Sensor],
+    sent: Sent,
+    speed: float,
+    progress: Callable[[str, int, int], None],
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> None:
+    """Send every event when its turn comes; the first of each device comes at once."""
+    total, began = sum(map(len, events.values())), clock()
+    first = {device: queue[0].arrival_ns for device, queue in events.items() if queue}
+    pace = 1e-9 / speed if speed > 0 else 0.0
+    turns = [(0.0, device, 0) for device in first]
+    heapq.heapify(turns)
+    while turns:
+        due_s, device, n = turns[0]
+        now_s = clock() - began
+        if now_s < due_s:
+            sleep(min(0.05, due_s - now_s))
+            if due_s - now_s > _LULL_S:  # time to read what was acknowledged, and to send again what was not
+                for sensor in sensors.values():
+                    sensor.flush(0.0)
+            continue
+        heapq.heappop(turns)
+        sent.behind_s = max(sent.behind_s, now_s - due_s if speed > 0 else 0.0)
+        sensor, queue = sensors[device], events[device]
+        while sensor.unacknowledged > _WINDOW:
+            sensor.flush(0.05)
+        _send(sensor, queue[n])
+        sent.messages += 1
+        progress("sending", sent.messages, total)
+        if n + 1 < len(queue):
+            heapq.heappush(turns, ((queue[n + 1].arrival_ns - first[device]) * pace, device, n + 1))
+
+
+def _in_order(events: Sequence[Event], *, truth: bool) -> list[Event]:
+    return sorted((e for e in events if truth or not isinstance(e, Truth)), key=lambda e: e.arrival_ns)
+
+
+def _rates(events: Sequence[Event]) -> dict[str, float]:
+    """Return the mean rate of each motion sensor in Hz."""
+    counts: Counter[str] = Counter()
+    ends: dict[str, tuple[int, int]] = {}
+    for event in events:
+        if isinstance(event, MotionSamples):
+            for name, samples in event.sensors.items():
+                if len(samples):
+                    low, high = ends.get(name, (int(samples.t_ns[0]), int(samples.t_ns[0])))
+                    ends[name] = min(low, int(samples.t_ns.min())), max(high, int(samples.t_ns.max()))
+                    counts[name] += len(samples)
+    return {name: (n - 1) / max(1e-9, (ends[name][1] - ends[name][0]) * 1e-9) for name, n in counts.items()}
+
+
+def _send(sensor: Sensor, event: Event) -> None:
+    if isinstance(event, MotionSamples):
+        sensor.motion({name: (s.t_ns, s.values) for name, s in event.sensors.items()})
+    elif isinstance(event, Scan):
+        scanned = list(event.transmitters)
+        sensor.scan(scanned, event.rssi_dbm, event.heard_ns, t_ns=event.t_ns, source=event.source)
+    elif isinstance(event, Pressure):
+        sensor.pressure(event.t_ns, event.pressure_hpa)
+    elif isinstance(event, Fix):
+        sensor.fix(event.t_ns, event.floor, event.xy, covariance=event.covariance, source=event.source)
+    else:
+        sensor.truth(event.t_ns, event.floor, event.xy)
