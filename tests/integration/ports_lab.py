@@ -15,7 +15,7 @@ from tickfix.kernel import Outcome
 from tickfix.ports import Addresses, Command, Hub, Incoming, PortSettings
 from tickfix.ports.keys import KeyPair, new_pair, read_pair
 
-PATIENCE_MS = 20_000
+PATIENCE_MS = 10_000
 """How long a test waits for what must come; nothing here waits for time to pass."""
 
 
@@ -61,6 +61,7 @@ class Client:
         self.socket = self.context.socket(self.kind)
         self.socket.setsockopt(zmq.LINGER, 0)
         self.socket.setsockopt(zmq.RCVTIMEO, PATIENCE_MS)
+        self.socket.setsockopt(zmq.SNDTIMEO, PATIENCE_MS)
         self.socket.setsockopt(zmq.RECONNECT_IVL, 10)
         if self.routing_id:
             self.socket.setsockopt(zmq.ROUTING_ID, self.routing_id)

@@ -31,25 +31,31 @@ class AllowList:
         """
         self._file = folder / ALLOWED
         self._stamp = self._look()
+        self._lost: set[str] = set()
         self._set(read_grants(self._file))
         self.problem = ""
 
-    def refresh(self) -> frozenset[str]:
-        """Read the file again if it changed; return the ports that some key may use no longer."""
+    def refresh(self) -> None:
+        """Read the file again if it changed."""
         stamp = self._look()
         if stamp == self._stamp:
-            return frozenset()
+            return
         self._stamp = stamp
         try:
             grants = read_grants(self._file)
         except PortError as error:
             self.problem = str(error)
-            return frozenset()
+            return
         self.problem = ""
         before = self._by_key
         self._set(grants)
         now = {key: grant.ports for key, grant in self._by_key.items()}
-        return frozenset(port for key, grant in before.items() for port in grant.ports if port not in now.get(key, ()))
+        self._lost |= {port for key, grant in before.items() for port in grant.ports if port not in now.get(key, ())}
+
+    def take_lost(self) -> frozenset[str]:
+        """Return the ports that some key may use no longer, since this was last asked."""
+        lost, self._lost = frozenset(self._lost), set()
+        return lost
 
     def of_key(self, key: str) -> Grant | None:
         """Return the entry of this public key."""
@@ -99,7 +105,12 @@ class Doorkeeper:
         port = frames[2].decode(errors="replace") if len(frames) > 2 else ""
         grant = None
         if version == b"1.0" and len(frames) == 7 and frames[5] == b"CURVE" and len(frames[6]) == 32:
-            grant = self._allowed.of_key(zmq.utils.z85.encode(frames[6]).decode("ascii"))
+            key = zmq.utils.z85.encode(frames[6]).decode("ascii")
+            grant = self._allowed.of_key(key)
+            if grant is None or port not in grant.ports:
+                # A client that is refused does not come back by itself: it may have been allowed a moment ago.
+                self._allowed.refresh()
+                grant = self._allowed.of_key(key)
         if grant is None or port not in grant.ports:
             self.refused[port] += 1
             return [b"1.0", request, b"400", b"not on the allow-list for this port", b"", b""]

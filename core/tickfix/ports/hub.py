@@ -344,7 +344,8 @@ class Hub:
         publishers = {"positions": self._positions.publisher}
         if "follow" in self._sockets:
             publishers["follow"] = self._following.publisher
-        for name in self._allowed.refresh() & publishers.keys():
+        self._allowed.refresh()
+        for name in self._allowed.take_lost() & publishers.keys():
             publishers[name].use(self._reopen(name))
             self._watch()
 
