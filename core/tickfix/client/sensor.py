@@ -20,6 +20,9 @@ from tickfix.client.outbox import Outbox
 NOT_TAKEN: Final = frozenset({"busy", "throttled"})
 """Outcomes after which a message is sent again; every other one is final."""
 
+_MESSAGE_BYTES: Final = 262_144
+"""What an engine takes unless it says otherwise in its welcome; far beyond it, it hangs up."""
+
 
 class OutboxFullError(ClientError):
     """More messages wait for their acknowledgement than may be kept; the new one was not taken."""
@@ -48,7 +51,7 @@ class Sensor:
         outcomes: how many messages ended how.
         sent, resent: messages that went out for the first time, and again.
         welcome: what the engine answered to ``hello``, None before.
-        refused: why the engine refused the ``hello``, empty when it did not.
+        refused: why the engine refused a ``hello``, or messages it did not look into; empty after a ``welcome``.
     """
 
     def __init__(
@@ -218,6 +221,9 @@ class Sensor:
         message = {"v": VERSION, "type": kind, "device": self.device, "session": self.session}
         data = packed({**fields, **message, "seq": self._next, "ack": True})
         self._pump()
+        most = (self.welcome or {}).get("limits", {}).get("message_bytes", _MESSAGE_BYTES)
+        if len(data) > most:
+            raise ClientError(f"{kind}: found {len(data)} bytes; expected at most {most} in one message")
         while not self._outbox.fits(len(data)):
             if self._on_drop is None or not self._outbox:
                 raise OutboxFullError(
@@ -268,12 +274,10 @@ class Sensor:
         if kind == "welcome":
             self.welcome, self.refused = message, ""
             return
-        mine = message.get("session") == self.session and message.get("device") == self.device
-        if kind not in {"ack", "error"} or not mine or not isinstance(seq, int):
-            return
         if kind == "error" and seq == 0:
             self.refused = _reason(message)
-        if seq not in self._outbox:
+        mine = message.get("session") == self.session and message.get("device") == self.device
+        if kind not in {"ack", "error"} or not mine or not isinstance(seq, int) or seq not in self._outbox:
             return
         self.outcomes[outcome] += 1
         if outcome in NOT_TAKEN:
