@@ -280,12 +280,14 @@ class FollowEnvelope(Struct, kw_only=True, frozen=True):
 
     Attributes:
         run: id of the engine's run.
-        number: the record's number in the journal.
+        number: the record's number in the journal, where estimates are counted, too.
+        seq: counts what was sent on this port, from 1; 0 is not counted.
     """
 
     v: Count
     run: str
     number: Count
+    seq: Count = 0
 
 
 class Heartbeat(Struct, tag_field="type", tag="heartbeat", kw_only=True, frozen=True):

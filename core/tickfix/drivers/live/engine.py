@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from tickfix.api import TICK_NS, Scan
+from tickfix.api import Scan
 from tickfix.drivers.live.deadlines import Deadlines
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.histogram import Histogram
@@ -20,9 +20,10 @@ from tickfix.drivers.live.outbox import Outbox
 from tickfix.drivers.live.overload import Overload
 from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.kernel import Outcome, Output
-from tickfix.ports import Clock, Command, Hub, Incoming, Said
-from tickfix.wire import Bye, Family, Hello
+from tickfix.drivers.live.speaker import Speaker
+from tickfix.kernel import Outcome
+from tickfix.ports import Clock, Command, Hub, Incoming
+from tickfix.wire import Bye, Hello
 from tickfix.wire.decisions import Drop, Finish, Fold, Primary, Run
 
 _IDLE_S: Final = 0.25
@@ -58,7 +59,6 @@ class Engine:
         self._hub = hub
         self._ledger = ledger
         self._settings = settings
-        self._site = site
         self._names = tuple(names)
         self._clock = Clock() if clock is None else clock
         self._after_round = after_round
@@ -74,15 +74,11 @@ class Engine:
         self._asked: dict[int, Incoming] = {}
         self._in_flight: set[tuple[str, str, int]] = set()
         self._outbox = Outbox(hub, ledger, on_disk=settings.durability == "ack", tell=tell)
+        self._speaker = Speaker(replica, ledger, self._outbox, settings, site=site, names=names, clock=self._clock)
         self._stopping = False
         self._looked_ns = 0
-        self.lateness, self.work = Histogram(), Histogram()
+        self.work = Histogram()
         self.counts: Counter[str] = Counter()
-
-    @property
-    def primary(self) -> str:
-        """The pipeline that is published."""
-        return self._replica.primary or self._settings.primary or self._names[-1]
 
     @property
     def overload(self) -> str | None:
@@ -96,17 +92,17 @@ class Engine:
         kernel = self._replica.kernel
         return {
             "devices": len(kernel.devices),
-            "ticks": self.counts["ticks"],
-            "lateness_ms": self.lateness.summary(),
+            "ticks": self._speaker.ticks,
+            "lateness_ms": self._speaker.lateness.summary(),
             "work_ms": self.work.summary(),
             "measurements": dict(kernel.measurements),
             "failures": dict(kernel.failures),
             "journal": self._ledger.status(),
             "overload": self.overload,
-            "primary": self.primary,
+            "primary": self._speaker.primary,
             "scans": {"being located": self._locator.waiting, "given up": self.counts["scans given up"]},
             "rounds": self.counts["rounds"],
-            "withheld": self.counts["withheld"],
+            "withheld": self._speaker.withheld,
             "overloads": self.counts["overloads"],
             "expired": self.counts["expired"],
         }
@@ -261,7 +257,7 @@ class Engine:
         if output.published or output.revised or output.settled:
             newest_ns = 0 if standing is None or standing.newest_ns is None else standing.newest_ns
             self._ledger.decision(decision, device, newest_ns)
-            self._say(output, due_ns)
+            self._speaker.say(output, due_ns)
 
     def _finish(self, device: str, reason: str) -> None:
         if device not in self._replica.kernel.devices:
@@ -271,29 +267,9 @@ class Engine:
         decision = Finish(device=device, reason=reason)
         output, _ = self._replica.decide(decision)
         self._ledger.decision(decision, device, 0)
-        self._say(output, None)
+        self._speaker.say(output, None)
         self._deadlines.forget(device)
         self._hub.forget(device)
-
-    def _say(self, output: Output, due_ns: int | None) -> None:
-        """Write down what the kernel says; what is to be published waits for the commit."""
-        now_ns, primary, everyone = self._clock.monotonic_ns(), self.primary, self._settings.publish == "all"
-        overrun = due_ns is not None and now_ns - due_ns > TICK_NS and self._settings.overrun == "newest"
-        newest = output.published[-1].tick if output.published else None
-        for estimate in (*output.revised, *output.published):
-            body = self._ledger.estimate(estimate)
-            if estimate.revision == 0 and estimate.pipeline == primary:
-                self.counts["ticks"] += 1
-                if due_ns is not None:
-                    self.lateness.add((now_ns - due_ns) * 1e-6)
-            if not everyone and estimate.pipeline != primary:
-                continue
-            if estimate.revision == 0 and overrun and estimate.tick != newest:
-                self.counts["withheld"] += 1
-                continue
-            floor = None if estimate.belief is None else estimate.belief.floor
-            family: Family = "revision" if estimate.revision else "estimate"
-            self._outbox.say(Said(family, self._site, floor, estimate.device, estimate.pipeline, body))
 
     def _expire(self, now_ns: int) -> None:
         if now_ns - self._looked_ns < _LOOK_NS:

@@ -106,7 +106,7 @@ def serve(
         engine.adopt()
         status.look(engine)
         if resumed is not None:
-            hub.publish(_last_words(resumed, site.name, engine.primary, everyone=live.publish == "all"))
+            hub.publish(_last_words(resumed, site.name, engine.report()["primary"], everyone=live.publish == "all"))
         control(engine)
         began(shown, addresses)
         engine.serve()
