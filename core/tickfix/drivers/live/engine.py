@@ -23,6 +23,7 @@ from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.speaker import Speaker
 from tickfix.kernel import Outcome
 from tickfix.ports import Clock, Command, Hub, Incoming
+from tickfix.ports.intake import Item
 from tickfix.wire import Bye, Hello
 from tickfix.wire.decisions import Drop, Finish, Fold, Primary, Run
 
@@ -172,7 +173,8 @@ class Engine:
         touched: dict[str, int] = {}
         for item in items:
             if isinstance(item, Command):
-                self._obey(item)
+                stops = obey(item, self._hub, self._replica, self._ledger, self._names, self.drain)
+                self._stopping = self._stopping or stops
             elif self._outbox.full:
                 self._hub.answer(item, Outcome.BUSY, self._outbox.full)
             else:
@@ -293,24 +295,43 @@ class Engine:
         self._hub.refuse(f"the engine is {self.overload}")
         self._tell(f"{message}; new devices are refused until it keeps up")
 
-    def _obey(self, command: Command) -> None:
-        done, reply = True, f"what: found {command.what!r}, expected drain, stop or primary"
-        if command.what == "stop":
-            self._stopping = True
-            reply = "stopping"
-        elif command.what == "drain":
-            self._hub.refuse_all("the engine is being drained")
-            self.drain()
-            self._stopping = True
-            reply = "drained: every track is settled; stopping"
-        elif command.what == "primary" and command.args.get("pipeline") in self._names:
-            decision = Primary(pipeline=str(command.args["pipeline"]))
-            self._ledger.decision(decision, "", 0)
-            self._replica.decide(decision)
-            reply = f"{decision.pipeline} is published from now on"
-        elif command.what == "primary":
-            done = False
-            reply = f"pipeline: found {command.args.get('pipeline')!r}, expected one of {', '.join(self._names)}"
-        else:
-            done = False
-        command.reply(done, reply)
+
+def obey(
+    command: Item, hub: Hub, replica: Replica, ledger: Ledger, names: Sequence[str], drain: Callable[[], None]
+) -> bool:
+    """Do what the control port was told; return whether the engine is to stop.
+
+    Args:
+        command: what else came in is refused: nobody is there to take it.
+        drain: settles all that is known of every device.
+    """
+    if not isinstance(command, Command):
+        hub.answer(command, Outcome.BUSY, "this engine takes nothing in")
+        return False
+    if command.what == "stop":
+        command.reply(*_done("stopping"))
+        return True
+    if command.what == "drain":
+        hub.refuse_all("the engine is being drained")
+        drain()
+        command.reply(*_done("drained: every track is settled; stopping"))
+        return True
+    name = command.args.get("pipeline")
+    if command.what != "primary":
+        command.reply(*_refused(f"what: found {command.what!r}, expected drain, stop or primary"))
+    elif name not in names:
+        command.reply(*_refused(f"pipeline: found {name!r}, expected one of {', '.join(names)}"))
+    else:
+        decision = Primary(pipeline=str(name))
+        ledger.decision(decision, "", 0)
+        replica.decide(decision)
+        command.reply(*_done(f"{name} is published from now on"))
+    return False
+
+
+def _done(what: str) -> tuple[bool, str]:
+    return True, what
+
+
+def _refused(why: str) -> tuple[bool, str]:
+    return False, why
