@@ -55,6 +55,7 @@ class Client:
     address: str
     keys: tuple[KeyPair, str] | None = None
     routing_id: bytes = b""
+    heard: dict[bytes, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.socket = self.context.socket(self.kind)

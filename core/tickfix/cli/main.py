@@ -10,10 +10,13 @@ import typer
 import tickfix
 from tickfix.api import TickfixError
 from tickfix.cli.demo import demo
+from tickfix.cli.keys import app as keys_app
+from tickfix.cli.listen import listen
 from tickfix.cli.plugins import app as plugins_app
 from tickfix.cli.replay import replay
 from tickfix.cli.send import send
 from tickfix.cli.serve import serve
+from tickfix.cli.status import status
 from tickfix.cli.survey import survey
 from tickfix.client import ClientError
 
@@ -29,6 +32,9 @@ app.command()(survey)
 app.command()(replay)
 app.command()(serve)
 app.command()(send)
+app.command()(listen)
+app.command()(status)
+app.add_typer(keys_app, name="keys")
 app.add_typer(plugins_app, name="plugins")
 
 

@@ -41,7 +41,7 @@ _CHUNK: Final = 64
 _ERRANDS: Final = 32
 _WAITING: Final = 200_000
 _LOOK_NS: Final = 500_000_000
-_LAST_WORDS_MS: Final = 250
+_LAST_WORDS_MS: Final = 1_000
 _TRIES: Final = 400
 _TRY_S: Final = 0.005
 
