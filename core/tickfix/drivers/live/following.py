@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Final
 
 import msgspec
@@ -31,22 +32,29 @@ _IDLE_MS: Final = 200
 _MOST: Final = 2_000
 
 
+@dataclass(frozen=True, slots=True)
+class Leader:
+    """The engine to follow: address of its follow port, and keys where it asks for them."""
+
+    address: str
+    keys: Keys | None = None
+
+
 class Follower:
     """Runs until it is told to stop.
 
     Args:
-        address: the follow port of the engine to follow.
+        leader: the engine to follow.
         replica: begun, or restored.
         hub: its own; nothing comes in by its sensors port.
         names: of the pipelines, in their order.
-        keys: for the first engine's port.
         after_round: called after each round, at least four times a second.
         tell: told, in a sentence, what an operator must know.
     """
 
     def __init__(
         self,
-        address: str,
+        leader: Leader,
         replica: Replica,
         hub: Hub,
         ledger: Ledger,
@@ -54,13 +62,12 @@ class Follower:
         *,
         site: str,
         names: Sequence[str],
-        keys: Keys | None = None,
         clock: Clock | None = None,
         after_round: Callable[[Follower], None] = lambda _: None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Connect; that nobody is there yet is no error."""
-        self._address = address
+        self._address = leader.address
         self._replica = replica
         self._hub = hub
         self._ledger = ledger
@@ -71,17 +78,17 @@ class Follower:
         self._outbox = Outbox(hub, ledger, on_disk=False, tell=tell)
         self._speaker = Speaker(replica, ledger, self._outbox, settings, site=site, names=names, clock=self._clock)
         self._own: dict[int, int] = {}
-        self._leader = ""
+        self._run = ""
         self._seq = 0
         self._stopping = False
         self.counts: Counter[str] = Counter()
         self.work = Histogram()
         hub.refuse_all("this engine follows another one; send to that")
-        self._socket = open_socket(zmq.SUB, keys, None)
+        self._socket = open_socket(zmq.SUB, leader.keys, None)
         self._socket.setsockopt(zmq.RCVHWM, 100_000)
         for kind in (b"event", b"decision"):
             self._socket.subscribe(kind)
-        connect(self._socket, address)
+        connect(self._socket, leader.address)
 
     def serve(self) -> None:
         """Run until told to stop, by :meth:`stop` or over the control port."""
@@ -103,7 +110,7 @@ class Follower:
         kernel = self._replica.kernel
         return {
             "following": self._address,
-            "leader": self._leader,
+            "leader": self._run,
             "devices": len(kernel.devices),
             "ticks": self._speaker.ticks,
             "lateness_ms": self._speaker.lateness.summary(),
@@ -157,10 +164,10 @@ class Follower:
             self._tell(f"{self._address}: a record that cannot be used: {error}")
 
     def _notice(self, head: FollowEnvelope) -> None:
-        if head.run != self._leader:
-            if self._leader:
+        if head.run != self._run:
+            if self._run:
                 self._tell(f"{self._address}: the engine runs anew as {head.run}")
-            self._leader, self._own = head.run, {}
+            self._run, self._own = head.run, {}
         elif head.seq > self._seq + 1:
             self.counts["missed"] += head.seq - self._seq - 1
             self._tell(f"{self._address}: missed {head.seq - self._seq - 1} records")
