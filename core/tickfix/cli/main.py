@@ -12,6 +12,7 @@ from tickfix.api import TickfixError
 from tickfix.cli.demo import demo
 from tickfix.cli.keys import app as keys_app
 from tickfix.cli.listen import listen
+from tickfix.cli.locate import locate
 from tickfix.cli.plugins import app as plugins_app
 from tickfix.cli.replay import replay
 from tickfix.cli.send import send
@@ -32,6 +33,7 @@ app.command()(survey)
 app.command()(replay)
 app.command()(serve)
 app.command()(send)
+app.command()(locate)
 app.command()(listen)
 app.command()(status)
 app.add_typer(keys_app, name="keys")

@@ -41,6 +41,8 @@ class Sensor:
             on with its numbers: ``first_seq``.
         keys: CURVE keys, where the engine asks for them.
         keep_messages, keep_bytes: how much is kept that was not acknowledged.
+        greets: say ``hello``, which makes this sender the voice of the device. A process that only adds fixes or truth
+            to a device that speaks for itself does not.
         resend_s: how long to wait for an acknowledgement before sending again.
         on_outcome: called with (number, outcome, detail) of every message that is done with.
         on_drop: called with the number of the oldest message, which is dropped when too much is kept; without it
@@ -64,6 +66,7 @@ class Sensor:
         keys: Keys | None = None,
         keep_messages: int = 20_000,
         keep_bytes: int = 64 * 2**20,
+        greets: bool = True,
         resend_s: float = 2.0,
         on_outcome: Callable[[int, str, str], None] | None = None,
         on_drop: Callable[[int], None] | None = None,
@@ -91,7 +94,8 @@ class Sensor:
         self._clock = clock
         self._hello: dict[str, Any] = {"sensors": {}, "software": "tickfix.client", "clock": ""}
         self._connected = False
-        self._greet = True
+        self._greets = greets
+        self._greet = greets
         self._socket = open_socket(zmq.DEALER, keys, context)
         # Nothing waits in a queue of libzmq for a connection: what waits, waits in the outbox.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
@@ -245,7 +249,7 @@ class Sensor:
             event = parse_monitor_message(self._monitor.recv_multipart())["event"]
             self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if self._connected:
-                self._greet = True
+                self._greet = self._greets
                 self._outbox.all_due()
         while self._socket.poll(0):
             self._take(self._socket.recv_multipart()[-1])
