@@ -6,7 +6,7 @@ commits the journal once, and only then publishes and acknowledges. So nobody he
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -73,6 +73,7 @@ class Engine:
         )
         self._overload = Overload(settings.overload_s)
         self._asked: dict[int, Incoming] = {}
+        self._to_locate: dict[str, deque[int]] = {}
         self._in_flight: set[tuple[str, str, int]] = set()
         self._outbox = Outbox(hub, ledger, on_disk=settings.durability == "ack", tell=tell)
         self._speaker = Speaker(replica, ledger, self._outbox, settings, site=site, names=names, clock=self._clock)
@@ -134,7 +135,7 @@ class Engine:
                 self._deadlines.heard(device, standing.newest_ns, standing.next_tick, arrived_ns=now_ns)
         for number, scan in self._replica.waiting.items():
             self._in_flight.add((scan.device, scan.session, scan.seq))
-            self._locator.ask(number, scan.device, self._replica.kernel.questions(scan))
+            self._ask(number, scan)
 
     def serve(self) -> None:
         """Run until told to stop, by :meth:`stop` or over the control port.
@@ -217,20 +218,36 @@ class Engine:
         elif isinstance(event, Scan):
             self._asked[record] = item
             self._in_flight.add(number)
-            self._locator.ask(record, event.device, self._replica.kernel.questions(event))
+            self._ask(record, event)
+
+    def _ask(self, number: int, scan: Scan) -> None:
+        """Have a scan located; those of a device one after the other, since each stands in the next one's window."""
+        queue = self._to_locate.setdefault(scan.device, deque())
+        queue.append(number)
+        if len(queue) == 1:
+            self._locator.ask(number, scan.device, self._replica.kernel.questions(scan))
 
     def _let_in(self, touched: dict[str, int]) -> None:
         """Fold the scans that are located by now, and give up those that will not be."""
         for located in self._locator.done():
             scan = self._replica.waiting.get(located.number)
             if scan is None:
-                continue
+                continue  # its device is gone
             if located.reason:
                 self.counts["scans given up"] += 1
                 self._decide_on_scan(Drop(number=located.number, reason=located.reason), scan)
-                continue
-            received_ns = self._decide_on_scan(Fold(number=located.number), scan)
-            self._heard(scan.device, received_ns, touched)
+            else:
+                received_ns = self._decide_on_scan(Fold(number=located.number), scan)
+                self._heard(scan.device, received_ns, touched)
+            self._ask_next(scan.device)
+
+    def _ask_next(self, device: str) -> None:
+        queue = self._to_locate[device]
+        queue.popleft()
+        if queue:
+            self._locator.ask(queue[0], device, self._replica.kernel.questions(self._replica.waiting[queue[0]]))
+        else:
+            del self._to_locate[device]
 
     def _decide_on_scan(self, decision: Fold | Drop, scan: Scan) -> int:
         """Let a scan in or leave it out, and acknowledge it; return when it was received."""
@@ -266,6 +283,7 @@ class Engine:
             return
         for number, scan in [(n, s) for n, s in self._replica.waiting.items() if s.device == device]:
             self._decide_on_scan(Drop(number=number, reason=f"the device is gone: {reason}"), scan)
+        self._to_locate.pop(device, None)
         decision = Finish(device=device, reason=reason)
         output, _ = self._replica.decide(decision)
         self._ledger.decision(decision, device, 0)
