@@ -10,6 +10,7 @@ import typer
 import tickfix
 from tickfix.api import TickfixError
 from tickfix.cli.demo import demo
+from tickfix.cli.journal import app as journal_app
 from tickfix.cli.keys import app as keys_app
 from tickfix.cli.listen import listen
 from tickfix.cli.locate import locate
@@ -38,6 +39,7 @@ app.command()(listen)
 app.command()(status)
 app.add_typer(keys_app, name="keys")
 app.add_typer(plugins_app, name="plugins")
+app.add_typer(journal_app, name="journal")
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - the shape of a typer callback
