@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,8 +13,11 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tickfix.cli.output import print_json, progress, stdout
-from tickfix.journal import JournalReader, Segment, is_being_written
+from tickfix.api import ConfigError
+from tickfix.cli.output import print_json, progress, stdout, warn
+from tickfix.journal import JournalReader, Record, Segment, is_being_written
+from tickfix.journal.json_lines import as_json_line
+from tickfix.journal.poses import PosesFile
 from tickfix.journal.reader import describe
 from tickfix.kernel.probe import numeric_probe
 
@@ -69,6 +73,49 @@ def verify(place: Place, *, as_json: AsJson = False) -> None:
             console.print(line, soft_wrap=True)
     if missing or any(segment.damage for segment in segments):
         raise typer.Exit(1)
+
+
+@app.command()
+def export(
+    place: Place,
+    *,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FILE", help="FILE.jsonl (all but snapshots) or FILE.mcap (poses).")
+    ],
+) -> None:
+    """Write the newest run for other programs: as JSON lines, or as an MCAP file of poses that Foxglove draws.
+
+    Damage is told of, and reading goes on behind it.
+    """
+    if out.suffix not in (".jsonl", ".mcap"):
+        raise ConfigError("--out", repr(out.name), "a name that ends in .jsonl or .mcap")
+    if place.is_dir() and out.resolve().parent == place.resolve():
+        raise ConfigError("--out", str(out), "a place outside the journal, whose files are its segments")
+    records = JournalReader(place).records(on_damage=lambda damage: warn(str(damage)))
+    partial = out.with_name(f".{out.name}.partial")
+    try:
+        count = _export_lines(records, partial) if out.suffix == ".jsonl" else _export_poses(records, partial)
+        partial.replace(out)
+    finally:
+        partial.unlink(missing_ok=True)
+    what = "records" if out.suffix == ".jsonl" else "poses"
+    stdout().print(f"{count} {what} are in {out}", soft_wrap=True)
+
+
+def _export_lines(records: Iterator[Record], path: Path) -> int:
+    count = 0
+    with path.open("wb") as file:
+        for record in records:
+            line = as_json_line(record)
+            if line is not None:
+                file.write(line)
+                count += 1
+    return count
+
+
+def _export_poses(records: Iterator[Record], path: Path) -> int:
+    with closing(PosesFile(path)) as file:
+        return sum(file.write(record) for record in records)
 
 
 def _missing(segments: Sequence[Segment]) -> list[str]:

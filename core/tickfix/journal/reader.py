@@ -90,8 +90,8 @@ class JournalReader:
 
         Args:
             since: where to begin; a number begins with that record.
-            on_damage: told of all damage in the segments read, when it is come across. Then records that are missing
-                in the middle are skipped, too.
+            on_damage: told of all damage in the segments read, when it is come across, and of records that are missing
+                in the middle; then reading goes on behind them.
 
         Raises:
             JournalDamaged: where records are missing and there is no ``on_damage``; all before them were yielded.
@@ -110,8 +110,12 @@ class JournalReader:
                 found = records[0].number
                 if found < expected:
                     raise JournalDamaged(path, at, f"record {found} again; expected record {expected}")
-                if found > expected > 0 and on_damage is None:
-                    raise _missing(last or Damage(path, at, "nothing damaged here"), expected, found)
+                if found > expected > 0:
+                    missing = f"records {expected}–{found - 1} are missing"
+                    if on_damage is None:
+                        where = last or Damage(path, at, "nothing here is damaged")
+                        raise JournalDamaged(where.path, where.offset, f"{where.what}; {missing}")
+                    on_damage(Damage(path, at, missing))
                 expected = records[-1].number + 1
                 yield from (record for record in records if record.number >= wanted)
             last = reader.damage[-1] if reader.damage else last
@@ -179,8 +183,3 @@ def _tell(reader: SegmentReader, known: int, on_damage: Callable[[Damage], None]
         for damage in reader.damage[known:]:
             on_damage(damage)
     return len(reader.damage)
-
-
-def _missing(damage: Damage, expected: int, found: int) -> JournalDamaged:
-    what = f"{damage.what}; found record {found}, expected record {expected}: {found - expected} are missing"
-    return JournalDamaged(damage.path, damage.offset, what)

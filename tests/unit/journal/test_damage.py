@@ -102,8 +102,8 @@ def check(sample: Sample, place: Path, name: str, change: Change) -> None:
     assert seen == [sample.records[record.number] for record in seen]
     assert [r.number for r in seen] == sorted({r.number for r in seen})
     for found in damage:
-        assert found.path == place / name
-        assert 0 <= found.offset <= len(changed)
+        assert found.path == place / name or "missing" in found.what
+        assert 0 <= found.offset <= found.path.stat().st_size
         assert f"{found.path}: at byte {found.offset}: " in str(found)
     (segment,) = (s for s in reader.segments(thorough=True) if s.path.name == name)
     if changed != raw and not (raw.startswith(changed) and not segment.complete):
@@ -139,7 +139,7 @@ def test_one_flipped_byte_is_found_wherever_it_is_and_costs_one_commit_at_most(
         damage: list[Damage] = []
         seen = {r.number: r for r in reader.records(on_damage=damage.append)}
         assert damage, f"byte {at}"
-        assert all(found.offset <= at for found in damage)
+        assert all(found.offset <= at for found in damage if "missing" not in found.what)
         assert seen.items() <= sample.records.items()
         assert len(seen) >= len(sample.records) - 3, f"byte {at}"
 
