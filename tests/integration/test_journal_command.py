@@ -58,7 +58,7 @@ def journal(tmp_path: Path) -> Path:
 
 def invoke(*arguments: object, code: int = 0) -> Result:
     """Run the command in this process, where starting another would tell no more."""
-    result = CliRunner().invoke(app, list(map(str, arguments)))
+    result = CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "160"})
     assert result.exit_code == code, result.output
     return result
 

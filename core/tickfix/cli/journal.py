@@ -38,7 +38,10 @@ def info(place: Place, *, as_json: AsJson = False) -> None:
     _print_manifest(console, segments)
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1))
     for column in ("segment", "run", "records", "MB", "from", "to", "state"):
-        table.add_column(column, no_wrap=True, justify="right" if column in ("records", "MB") else "left")
+        folds = column in ("run", "from", "to", "state")
+        table.add_column(
+            column, overflow="fold", no_wrap=not folds, justify="right" if column in ("records", "MB") else "left"
+        )
     for segment in segments:
         records = f"{segment.first_number}–{segment.last_number}" if segment.count else "none"
         run = "?" if segment.manifest is None else segment.manifest.run
