@@ -22,6 +22,7 @@ from tickfix.journal import (
     Record,
     Since,
 )
+from tickfix.journal.segment_reader import SegmentReader
 
 SEVERAL = 4
 
@@ -169,3 +170,27 @@ def test_records_missing_in_the_middle_end_a_replay_with_file_and_offset(sample:
         seen.extend(record.number for record in reader.records())
     assert caught.value.path == place / "000001.mcap"
     assert 0 < caught.value.offset < raw.index(b"phone-0", caught.value.offset) < caught.value.offset + 200
+
+
+def test_a_commit_that_stands_there_twice_is_read_once(sample: Sample, place: Path) -> None:
+    raw = sample.files["000002.mcap"]
+    (*_, (at, _)) = SegmentReader(stored(sample, place, "000002.mcap", raw).paths()[1]).groups()
+    reader = stored(sample, place, "000002.mcap", raw + raw[at:])
+    assert [record.number for record in reader.records()] == list(sample.records)
+    (found,) = reader.segments()[1].damage
+    assert (found.offset, "record" in found.what) == (len(raw), True)
+
+
+def test_a_closed_segment_is_read_on_behind_a_chunk_whose_head_is_gone(sample: Sample, place: Path) -> None:
+    raw = bytearray(sample.files["000001.mcap"])
+    groups = list(SegmentReader(stored(sample, place, "000001.mcap", bytes(raw)).paths()[0]).groups())
+    at, lost = groups[1]
+    raw[at : at + 49] = bytes(49)
+    reader = stored(sample, place, "000001.mcap", bytes(raw))
+    damage: list[Damage] = []
+    seen = [record.number for record in reader.records(on_damage=damage.append)]
+    assert seen == [number for number in sample.records if number not in {record.number for record in lost}]
+    assert damage[0].offset == at
+    unclosed = bytes(raw[: groups[-1][0]])
+    cut = [record.number for record in stored(sample, place, "000001.mcap", unclosed).records(on_damage=print)]
+    assert cut[: len(groups[0][1]) + 1] == [*(r.number for r in groups[0][1]), sample.last_of["000001.mcap"] + 1]
