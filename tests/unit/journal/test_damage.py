@@ -194,3 +194,14 @@ def test_a_closed_segment_is_read_on_behind_a_chunk_whose_head_is_gone(sample: S
     unclosed = bytes(raw[: groups[-1][0]])
     cut = [record.number for record in stored(sample, place, "000001.mcap", unclosed).records(on_damage=print)]
     assert cut[: len(groups[0][1]) + 1] == [*(r.number for r in groups[0][1]), sample.last_of["000001.mcap"] + 1]
+
+
+def test_lengths_that_no_file_can_have_are_damage_like_any_other(sample: Sample, place: Path) -> None:
+    raw = bytearray(sample.files["000002.mcap"])
+    groups = list(SegmentReader(stored(sample, place, "000002.mcap", bytes(raw)).paths()[1]).groups())
+    at = groups[2][0]
+    for length in (2**64 - 1, 2**63, 2**40):
+        raw[at + 1 : at + 9] = raw[at + 25 : at + 33] = raw[at + 41 : at + 49] = length.to_bytes(8, "little")
+        (_, segment) = stored(sample, place, "000002.mcap", bytes(raw)).segments()
+        assert [damage.offset for damage in segment.damage] == [at]
+        assert segment.last_number == groups[1][1][-1].number
