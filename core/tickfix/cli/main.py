@@ -10,8 +10,10 @@ import typer
 import tickfix
 from tickfix.api import TickfixError
 from tickfix.cli.demo import demo
+from tickfix.cli.journal import app as journal_app
 from tickfix.cli.keys import app as keys_app
 from tickfix.cli.listen import listen
+from tickfix.cli.locate import locate
 from tickfix.cli.plugins import app as plugins_app
 from tickfix.cli.replay import replay
 from tickfix.cli.send import send
@@ -32,10 +34,12 @@ app.command()(survey)
 app.command()(replay)
 app.command()(serve)
 app.command()(send)
+app.command()(locate)
 app.command()(listen)
 app.command()(status)
 app.add_typer(keys_app, name="keys")
 app.add_typer(plugins_app, name="plugins")
+app.add_typer(journal_app, name="journal")
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - the shape of a typer callback

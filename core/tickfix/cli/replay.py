@@ -13,6 +13,7 @@ import typer
 
 from tickfix.api import ConfigError, SiteError
 from tickfix.cli.output import print_json, progress, registry, stdout, warn, warn_of
+from tickfix.cli.repeating import repeat
 from tickfix.cli.sinks import Target, opened, sink_for
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
@@ -37,11 +38,15 @@ PipelineNames = Annotated[
 
 
 def replay(
-    site: Annotated[Path, typer.Argument(metavar="SITE", help="Folder that `tickfix survey` made.")],
+    site: Annotated[Path | None, typer.Argument(metavar="SITE", help="Folder that `tickfix survey` made.")] = None,
     walks: Annotated[
         list[Path] | None, typer.Argument(metavar="[WALK…]", help="Recordings, or folders of them.")
     ] = None,
     *,
+    journal: Annotated[
+        Path | None,
+        typer.Option("--journal", metavar="PATH", help="Repeat what a live run did, and compare byte by byte."),
+    ] = None,
     holdout: Annotated[bool, typer.Option("--holdout", help="Replay the walks that the survey held out.")] = False,
     config: ConfigFile = None,
     pipeline: PipelineNames = None,
@@ -58,6 +63,11 @@ def replay(
     strict: Annotated[bool, typer.Option("--strict", help="Stop where a stage fails.")] = False,
 ) -> None:
     """Replay walks as they were logged, a position every 200 ms, and compare pipelines at the waypoints."""
+    if journal is not None:
+        repeat(journal, site, as_json=as_json)
+        return
+    if site is None:
+        raise ConfigError("replay", "no SITE", "the folder that `tickfix survey` made, or --journal PATH")
     found = registry()
     settings = configured(load(config, found), pipeline, seed, strict=strict)
     sink = None if out is None else Target(sink_for(out, found), out)

@@ -17,13 +17,14 @@ from tickfix.cli.replay import PipelineNames, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
 from tickfix.drivers.live.beacon import Beacon
-from tickfix.drivers.live.engine import Engine
-from tickfix.drivers.live.serving import Order, resumable
+from tickfix.drivers.live.serving import Order, Runnable, resumable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.supervisor import supervise
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses
+
+_ANY = "tcp://127.0.0.1:*"
 
 
 def serve(
@@ -48,6 +49,12 @@ def serve(
     keys: Annotated[
         Path | None, typer.Option("--keys", metavar="DIR", help="Keys that `tickfix keys` made; only they come in.")
     ] = None,
+    follow: Annotated[
+        str, typer.Option("--follow", metavar="ADDRESS", help="Fold what another engine takes in: its --feed address.")
+    ] = "",
+    follow_key: Annotated[
+        Path | None, typer.Option("--follow-key", metavar="FILE", help="Own NAME.key for that; engine.pub beside it.")
+    ] = None,
     seed: Seed = None,
     watchdog: Annotated[
         bool, typer.Option("--watchdog/--no-watchdog", help="Restart an engine that hangs or dies.")
@@ -60,6 +67,8 @@ def serve(
     """
     found = registry()
     settings = configured(load(config, found), pipeline, seed)
+    if follow:  # beside the engine that it follows, which has the usual ports
+        settings = _with_ports(settings, dict.fromkeys(("sensors", "positions", "control", "follow"), _ANY))
     given = {"sensors": sensors, "positions": positions, "control": control, "follow": feed}
     given |= {"keys": None if keys is None else str(keys)}
     settings = _with_ports(settings, {name: value for name, value in given.items() if value is not None})
@@ -67,7 +76,7 @@ def serve(
         if journal is None:
             raise ConfigError("--resume", "no --journal", "--journal DIR, from which to go on")
         resumable(journal)
-    order = Order(site=site, config=settings, journal=journal, resume=resume)
+    order = Order(site=site, config=settings, journal=journal, resume=resume, follow=follow, follow_key=follow_key)
 
     def engine(what: Order, beacon: Beacon) -> int:
         return _engine(what, found, beacon, as_json=as_json)
@@ -92,7 +101,7 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
         sys.stdout.writelines(f"  {name:<10} {address or 'closed'}\n" for name, address in shown.items())
         sys.stdout.flush()
 
-    def ending(engine: Engine) -> None:
+    def ending(engine: Runnable) -> None:
         report = engine.report()
         if as_json:
             _print({"ended": report})
@@ -104,7 +113,7 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
             f"work a round p50 {work['p50']:.1f} p99 {work['p99']:.1f} max {work['max']:.1f} ms\n"
         )
 
-    def control(engine: Engine) -> None:
+    def control(engine: Runnable) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: engine.stop())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Final
 
@@ -30,7 +31,7 @@ class Outbox:
 
     def __init__(self, most_messages: int, most_bytes: int, resend_s: float) -> None:
         """Begin empty."""
-        self._kept: dict[int, _Kept] = {}
+        self._kept: OrderedDict[int, _Kept] = OrderedDict()
         self._bytes = 0
         self._most_messages = most_messages
         self._most_bytes = most_bytes

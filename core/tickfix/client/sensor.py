@@ -20,6 +20,9 @@ from tickfix.client.outbox import Outbox
 NOT_TAKEN: Final = frozenset({"busy", "throttled"})
 """Outcomes after which a message is sent again; every other one is final."""
 
+_MESSAGE_BYTES: Final = 262_144
+"""What an engine takes unless it says otherwise in its welcome; far beyond it, it hangs up."""
+
 
 class OutboxFullError(ClientError):
     """More messages wait for their acknowledgement than may be kept; the new one was not taken."""
@@ -38,6 +41,8 @@ class Sensor:
             on with its numbers: ``first_seq``.
         keys: CURVE keys, where the engine asks for them.
         keep_messages, keep_bytes: how much is kept that was not acknowledged.
+        greets: say ``hello``, which makes this sender the voice of the device. A process that only adds fixes or truth
+            to a device that speaks for itself does not.
         resend_s: how long to wait for an acknowledgement before sending again.
         on_outcome: called with (number, outcome, detail) of every message that is done with.
         on_drop: called with the number of the oldest message, which is dropped when too much is kept; without it
@@ -48,7 +53,7 @@ class Sensor:
         outcomes: how many messages ended how.
         sent, resent: messages that went out for the first time, and again.
         welcome: what the engine answered to ``hello``, None before.
-        refused: why the engine refused the ``hello``, empty when it did not.
+        refused: why the engine refused a ``hello``, or messages it did not look into; empty after a ``welcome``.
     """
 
     def __init__(
@@ -61,6 +66,7 @@ class Sensor:
         keys: Keys | None = None,
         keep_messages: int = 20_000,
         keep_bytes: int = 64 * 2**20,
+        greets: bool = True,
         resend_s: float = 2.0,
         on_outcome: Callable[[int, str, str], None] | None = None,
         on_drop: Callable[[int], None] | None = None,
@@ -88,7 +94,8 @@ class Sensor:
         self._clock = clock
         self._hello: dict[str, Any] = {"sensors": {}, "software": "tickfix.client", "clock": ""}
         self._connected = False
-        self._greet = True
+        self._greets = greets
+        self._greet = greets
         self._socket = open_socket(zmq.DEALER, keys, context)
         # Nothing waits in a queue of libzmq for a connection: what waits, waits in the outbox.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
@@ -218,6 +225,9 @@ class Sensor:
         message = {"v": VERSION, "type": kind, "device": self.device, "session": self.session}
         data = packed({**fields, **message, "seq": self._next, "ack": True})
         self._pump()
+        most = (self.welcome or {}).get("limits", {}).get("message_bytes", _MESSAGE_BYTES)
+        if len(data) > most:
+            raise ClientError(f"{kind}: found {len(data)} bytes; expected at most {most} in one message")
         while not self._outbox.fits(len(data)):
             if self._on_drop is None or not self._outbox:
                 raise OutboxFullError(
@@ -239,7 +249,7 @@ class Sensor:
             event = parse_monitor_message(self._monitor.recv_multipart())["event"]
             self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if self._connected:
-                self._greet = True
+                self._greet = self._greets
                 self._outbox.all_due()
         while self._socket.poll(0):
             self._take(self._socket.recv_multipart()[-1])
@@ -268,12 +278,10 @@ class Sensor:
         if kind == "welcome":
             self.welcome, self.refused = message, ""
             return
-        mine = message.get("session") == self.session and message.get("device") == self.device
-        if kind not in {"ack", "error"} or not mine or not isinstance(seq, int):
-            return
         if kind == "error" and seq == 0:
             self.refused = _reason(message)
-        if seq not in self._outbox:
+        mine = message.get("session") == self.session and message.get("device") == self.device
+        if kind not in {"ack", "error"} or not mine or not isinstance(seq, int) or seq not in self._outbox:
             return
         self.outcomes[outcome] += 1
         if outcome in NOT_TAKEN:

@@ -31,6 +31,7 @@ class Segment:
         path, size: of the file, in bytes.
         manifest: None where it is damaged.
         first_number, last_number: of its intact records; the last is one less than the first where it has none.
+        count: how many intact records; fewer than the numbers say where chunks between them are damaged.
         complete: it is closed; one whose writer died is not, and can be read all the same.
         damage: what is not as it was written; of a complete one only known where it was read through.
         replayable: the run can be repeated from here.
@@ -42,6 +43,7 @@ class Segment:
     manifest: Manifest | None
     first_number: int
     last_number: int
+    count: int
     complete: bool
     damage: tuple[Damage, ...]
     replayable: bool
@@ -88,8 +90,8 @@ class JournalReader:
 
         Args:
             since: where to begin; a number begins with that record.
-            on_damage: told of all damage in the segments read, when it is come across. Then records that are missing
-                in the middle are skipped, too.
+            on_damage: told of all damage in the segments read, when it is come across, and of records that are missing
+                in the middle; then reading goes on behind them.
 
         Raises:
             JournalDamaged: where records are missing and there is no ``on_damage``; all before them were yielded.
@@ -108,8 +110,12 @@ class JournalReader:
                 found = records[0].number
                 if found < expected:
                     raise JournalDamaged(path, at, f"record {found} again; expected record {expected}")
-                if found > expected > 0 and on_damage is None:
-                    raise _missing(last or Damage(path, at, "nothing damaged here"), expected, found)
+                if found > expected > 0:
+                    missing = f"records {expected}–{found - 1} are missing"
+                    if on_damage is None:
+                        where = last or Damage(path, at, "nothing here is damaged")
+                        raise JournalDamaged(where.path, where.offset, f"{where.what}; {missing}")
+                    on_damage(Damage(path, at, missing))
                 expected = records[-1].number + 1
                 yield from (record for record in records if record.number >= wanted)
             last = reader.damage[-1] if reader.damage else last
@@ -145,23 +151,25 @@ def describe(path: Path, *, thorough: bool = False) -> Segment:
     replayable = head is not None and (head.first_number == 1 or begins_with_snapshot(path))
     if summary is not None and head is not None and not thorough:
         first = head.first_number
-        last, start_ns, end_ns = first + summary.count - 1, summary.start_ns, summary.end_ns
+        count, start_ns, end_ns = summary.count, summary.start_ns, summary.end_ns
+        last = first + count - 1
     else:
-        numbers: list[int] = []
-        first, last, start_ns, end_ns = 0 if head is None else head.first_number, 0, 0, 0
-        last = first - 1
+        first = 1 if head is None else head.first_number
+        last, count, start_ns, end_ns = first - 1, 0, 0, 0
         for _, records in reader.groups():
             walls = [record.wall_ns for record in records]
-            start_ns = min(walls) if not numbers else min(start_ns, *walls)
-            numbers = numbers or [records[0].number]
-            last, end_ns = records[-1].number, max(end_ns, *walls)
-        first = numbers[0] if numbers else first
+            if count == 0:
+                first, start_ns = records[0].number, walls[0]
+            start_ns, end_ns = min(start_ns, *walls), max(end_ns, *walls)
+            last = records[-1].number
+            count += len(records)
     return Segment(
         path=path,
         size=reader.size,
         manifest=head,
         first_number=first,
         last_number=last,
+        count=count,
         complete=summary is not None,
         damage=tuple(reader.damage),
         replayable=replayable,
@@ -175,8 +183,3 @@ def _tell(reader: SegmentReader, known: int, on_damage: Callable[[Damage], None]
         for damage in reader.damage[known:]:
             on_damage(damage)
     return len(reader.damage)
-
-
-def _missing(damage: Damage, expected: int, found: int) -> JournalDamaged:
-    what = f"{damage.what}; found record {found}, expected record {expected}: {found - expected} are missing"
-    return JournalDamaged(damage.path, damage.offset, what)

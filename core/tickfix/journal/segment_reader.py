@@ -165,9 +165,11 @@ class SegmentReader:
         if summary is not None:
             return summary.after(at)
         length = _data_length(head)
-        if length is None or len(head) < CHUNK_HEAD.size:
+        if length is None:
             return None
         at += CHUNK_HEAD.size + length
+        if at > self.size:
+            return None
         while (index := _index_length(_read(file, at, FRAME.size + _INDEX_REST))) is not None:
             at += FRAME.size + index
         return at

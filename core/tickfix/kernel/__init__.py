@@ -4,6 +4,7 @@ from tickfix.kernel.device import Standing
 from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.kernel import Kernel, KernelSettings
+from tickfix.kernel.observing import Question
 from tickfix.kernel.snapshot import KernelSnapshot
 from tickfix.kernel.stages import Failure, Pipeline, Stage
 
@@ -15,6 +16,7 @@ __all__ = [
     "Outcome",
     "Output",
     "Pipeline",
+    "Question",
     "Stage",
     "Standing",
 ]

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tickfix.api.events import Event, Fix, Scan
-from tickfix.api.values import Readings
 from tickfix.kernel.epoch import Epoch, Output
 from tickfix.kernel.intake import Outcome
-from tickfix.kernel.measurements import Item
+from tickfix.kernel.measurements import Item, explode
+from tickfix.kernel.observing import Question
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.snapshot import DeviceSnapshot
-from tickfix.kernel.stages import Caller, Pipeline, Stage
+from tickfix.kernel.stages import Caller, Pipeline
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +86,9 @@ class Device:
         self._epoch.finish(output)
         return output
 
-    def questions(self, scan: Scan) -> list[tuple[Stage, object, Readings]]:
-        """Return what the fingerprints would be asked if ``scan`` were folded now: stage, state and window."""
-        return self._epoch.questions(scan)
+    def questions(self, scan: Scan) -> list[Question]:
+        """Return what the fingerprints will be asked once ``scan`` is fed."""
+        return [q for item in explode(scan, Counter()) for q in self._epoch.questions(item.content)]
 
     @property
     def standing(self) -> Standing:

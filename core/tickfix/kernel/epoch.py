@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from tickfix.api.events import TICK_NS, Fix, Scan
-from tickfix.api.values import Estimate, Motion, Observation, Readings
+from tickfix.api.values import Estimate, Motion, Observation
 from tickfix.kernel.fold import Fold, earliest
 from tickfix.kernel.moving import MotionFold, Moved
-from tickfix.kernel.observing import ObservationFold, Observed, Sighted
+from tickfix.kernel.observing import ObservationFold, Observed, Question, Sighted
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.snapshot import EpochSnapshot, FoldSnapshot
-from tickfix.kernel.stages import Caller, Pipeline, Stage
-from tickfix.kernel.timeline import Timeline
+from tickfix.kernel.stages import Caller, Pipeline
+from tickfix.kernel.timeline import Timeline, tick_of
 from tickfix.kernel.tracker import Carried, Tracker, external, revised
 
 S = TypeVar("S")
@@ -129,12 +129,12 @@ class Epoch:
         """The newest tick that was published."""
         return self._published
 
-    def questions(self, scan: Scan) -> list[tuple[Stage, object, Readings]]:
-        """Return what the fingerprints would be asked if ``scan`` were folded now: stage, state and window."""
-        asked = [
-            observing.question(self._observations[key].newest or Sighted(), scan)
-            for key, observing in self._observing.items()
-        ]
+    def questions(self, scan: Scan) -> list[Question]:
+        """Return what the fingerprints will be asked once ``scan`` is inserted."""
+        asked = []
+        for key, observing in self._observing.items():
+            tick, carried = self._observations[key].before(tick_of(scan.t_ns)) or (-1, Sighted())
+            asked.append(observing.question(tick, carried, scan))
         return [question for question in asked if question is not None]
 
     def snapshot(self) -> EpochSnapshot:

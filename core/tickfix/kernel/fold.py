@@ -80,10 +80,10 @@ class Fold(Generic[S, O]):
             self.upto = k
         self._thin(state)
 
-    @property
-    def newest(self) -> S | None:
-        """The state after the newest tick folded, None before the first."""
-        return None if self.upto is None else self._checkpoints[self.upto]
+    def before(self, tick: int) -> tuple[int, S] | None:
+        """Return the newest checkpoint before ``tick``: its tick and the state after it; None where there is none."""
+        known = max((k for k in self._checkpoints if k < tick), default=None)
+        return None if known is None else (known, self._checkpoints[known])
 
     def again(self, tick: int) -> int:
         """Return the first tick to fold again after a rewind to ``tick``."""

@@ -14,11 +14,11 @@ from types import MappingProxyType
 import numpy as np
 
 from tickfix.api.events import Event, Fix, Scan, Truth
-from tickfix.api.values import Readings
 from tickfix.kernel.device import Device, Standing
 from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.intake import Sequence as Numbers
+from tickfix.kernel.observing import Question
 from tickfix.kernel.snapshot import KernelSnapshot, SessionSnapshot
 from tickfix.kernel.stages import Caller, Failure, Pipeline, Stage
 
@@ -113,12 +113,13 @@ class Kernel:
             self._numbers.pop(oldest, None)
         return known.finish()
 
-    def questions(self, scan: Scan) -> list[tuple[Stage, object, Readings]]:
-        """Return what the fingerprints would be asked if ``scan`` were folded now: stage, state and window.
+    def questions(self, scan: Scan) -> list[Question]:
+        """Return what the fingerprints will be asked once ``scan`` is fed.
 
-        A driver may compute the answers elsewhere beforehand; they are pure functions of what is returned here.
+        A driver may compute the answers elsewhere beforehand.
         """
-        return self._devices[scan.device].questions(scan) if scan.device in self._devices else []
+        device = self._devices.get(scan.device) or self._begin(scan.device, 0)
+        return device.questions(scan)
 
     def snapshot(self) -> KernelSnapshot:
         """Return the kernel as a value; every device must have been run since it was fed."""

@@ -42,6 +42,18 @@ class Sighted:
     waiting: tuple[Waiting, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """What a fingerprint will be asked: a state, and windows each of which goes on from the state after the one before.
+
+    Whoever has time may compute the answers beforehand: they are pure functions of what stands here.
+    """
+
+    stage: Stage
+    state: Any
+    windows: tuple[Readings, ...]
+
+
 class ObservationFold:
     """The fold of a tick's scans into observations.
 
@@ -77,14 +89,22 @@ class ObservationFold:
         waiting = tuple(w for w in found if w not in due)
         return Sighted(state, waiting), Observed(tuple(w.observation for w in due), failure)
 
-    def question(self, carried: Sighted, scan: Scan) -> tuple[Stage, Any, Readings] | None:
-        """Return what the fingerprint would be asked if ``scan`` were folded now, None where it is not wanted."""
+    def question(self, tick: int, carried: Sighted, scan: Scan) -> Question | None:
+        """Return what the fingerprint will be asked once ``scan`` is in the timeline, None where it is not wanted.
+
+        Args:
+            tick: the newest checkpoint before the scan's tick; all scans after it will be folded again.
+            carried: the state there.
+            scan: not in the timeline yet.
+        """
         if self._wants_safely(scan) is not True:
             return None
         before = self._begun() if carried.state is None else carried.state
         if isinstance(before, Failure):
             return None
-        return self._stage, before, self._timeline.window(scan, self._stage.algorithm.window)
+        fingerprint = self._stage.algorithm
+        windows = self._timeline.windows_with(scan, tick, fingerprint.window)
+        return Question(self._stage, before, windows)
 
     def snapshot(self, tick: int, carried: Sighted) -> FoldSnapshot:
         """Return the checkpoint after ``tick`` as a value; observations may hold functions, so their scans stand in."""

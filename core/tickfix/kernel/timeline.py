@@ -167,6 +167,12 @@ class Timeline:
         """Return the readings that ``window`` asks for, ending with ``scan``: each once, none over a minute old."""
         return self._scans.window(scan, window)
 
+    def windows_with(self, scan: Scan, tick: int, window: Window) -> tuple[Readings, ...]:
+        """Return the windows of ``scan``, as if it were inserted, and of all other wanted scans after ``tick``."""
+        recent = self._scans.with_(scan)
+        after = [s for s in recent.kept if tick_of(s.t_ns) > tick and s.source in window.sources]
+        return tuple(recent.window(s, window) for s in after)
+
     def forget(self, tick: int) -> None:
         """Drop what no tick from ``tick`` on can need."""
         self._since = tick

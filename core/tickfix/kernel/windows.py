@@ -26,6 +26,14 @@ class RecentScans:
         """Take a scan in; it must not be there yet."""
         insort(self._scans, scan, key=scan_order)
 
+    def with_(self, scan: Scan) -> RecentScans:
+        """Return the same scans and one more, if it is not there yet."""
+        if any(scan_order(present) == scan_order(scan) for present in self._scans if present.t_ns == scan.t_ns):
+            return RecentScans(self.kept)
+        more = RecentScans(self.kept)
+        more.add(scan)
+        return more
+
     def forget_before(self, t_ns: int) -> None:
         """Drop what no window that ends at ``t_ns`` or later holds."""
         while self._scans and self._scans[0].t_ns < t_ns - WINDOW_NS:

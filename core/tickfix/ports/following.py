@@ -19,17 +19,20 @@ KINDS: Final = (b"event", b"decision")
 
 
 class Following:
-    """Publishes records; an engine that falls behind sees by their numbers what it missed, and nobody waits for it."""
+    """Publishes records; an engine that falls behind sees by ``seq`` that it missed some, and nobody waits for it."""
 
     def __init__(self, socket: zmq.Socket[bytes], *, run: str) -> None:
         """Serve ``socket``, a bound XPUB."""
         self.publisher = Publisher(socket)
         self._run = run
+        self._seq = 0
 
     def publish(self, records: Sequence[Record]) -> None:
         """Send records in this order."""
         for kind, number, body in records:
-            self.publisher.send((kind, encode(FollowEnvelope(v=VERSION, run=self._run, number=number)), body))
+            self._seq += 1
+            envelope = FollowEnvelope(v=VERSION, run=self._run, number=number, seq=self._seq)
+            self.publisher.send((kind, encode(envelope), body))
 
     def serve(self) -> None:
         """Drop what subscribers say: there are no last values here."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from tickfix.api import Belief, Component, Estimate, EventError, Status
 from tickfix.wire.arrays import numbers, rows
@@ -17,7 +17,14 @@ _ENCODER: Final = msgspec.msgpack.Encoder()
 
 
 class ComponentMessage(Struct, kw_only=True, frozen=True):
-    """One Gaussian of a mixture."""
+    """One Gaussian of a mixture.
+
+    Attributes:
+        weight: its part of the whole.
+        floor: name of the floor.
+        xy: mean, metres in the floor's frame, x east and y north.
+        covariance: 2 × 2 in m².
+    """
 
     weight: float
     floor: str
@@ -26,7 +33,16 @@ class ComponentMessage(Struct, kw_only=True, frozen=True):
 
 
 class BeliefMessage(Struct, kw_only=True, frozen=True):
-    """Where the device is believed to be, see :class:`tickfix.api.Belief`."""
+    """Where the device is believed to be.
+
+    Attributes:
+        floor: the most probable floor; ``xy`` is in its frame.
+        xy: mean, metres, x east and y north.
+        covariance: 2 × 2 in m².
+        floor_probabilities: pairs (floor, probability) that sum to one; none means certainty about ``floor``.
+        mixture: Gaussians that sum to the belief, where one would hide that it is ambiguous.
+        speed_mps, heading_rad: of walking, clockwise from +y; nil where the filter does not know.
+    """
 
     floor: str
     xy: Numbers
@@ -38,14 +54,31 @@ class BeliefMessage(Struct, kw_only=True, frozen=True):
 
 
 class EstimateMessage(Struct, tag_field="type", tag="estimate", kw_only=True, frozen=True):
-    """What a pipeline says about a device at a tick, see :class:`tickfix.api.Estimate`."""
+    """What a pipeline says about a device at a tick.
+
+    Attributes:
+        v: protocol version.
+        device, pipeline: who is followed, and by which pipeline.
+        epoch: counts the starts of the device's clock.
+        tick: k.
+        t_ns: k · 200 ms of device time, in ns.
+        status: how much it can be relied on.
+        belief: nil while there is no position.
+        motion_age_ns, observation_age_ns: time since motion was measured and since an observation was used last; nil
+            before the first.
+        innovation_m, gate: of the newest observation of this tick: its distance from what was expected, and the
+            normalised square of it; nil without one.
+        failed_by: the stage that failed and why, empty when none did.
+        reasons: what the filter reported.
+        revision: 0 as published when the tick closed; each revision counts one up.
+    """
 
     v: Count
     device: str
     pipeline: str
     epoch: Int64
     tick: Int64
-    t_ns: Annotated[int, Meta(ge=-(2**63), le=2**63 - 1, description="tick · 200 ms of device time")]
+    t_ns: Int64
     status: Status
     belief: BeliefMessage | None = None
     motion_age_ns: Int64 | None = None

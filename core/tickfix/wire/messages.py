@@ -107,7 +107,13 @@ class Scan(SensorMessage, tag="scan", kw_only=True, frozen=True):
 
 
 class Pressure(SensorMessage, tag="pressure", kw_only=True, frozen=True):
-    """One air pressure in hPa."""
+    """One air pressure.
+
+    Attributes:
+        t_ns: when it was measured, ns on the device's clock.
+        pressure_hpa: hectopascal.
+        arrival_ns: in the journal only.
+    """
 
     t_ns: Int64
     pressure_hpa: float
@@ -121,7 +127,9 @@ class Fix(SensorMessage, tag="fix", kw_only=True, frozen=True):
         floor: name of the floor.
         xy: two numbers, metres in the floor's frame, x east and y north.
         covariance: 2 × 2 in m²; 25 m² each way where not told.
+        t_ns: the instant the position describes, ns on the device's clock.
         source: what computed it.
+        arrival_ns: in the journal only.
     """
 
     t_ns: Int64
@@ -136,6 +144,8 @@ class Truth(SensorMessage, tag="truth", kw_only=True, frozen=True):
     """Where the device really is, for evaluation; no tracker sees it.
 
     Attributes:
+        t_ns: when, ns on the device's clock.
+        arrival_ns: in the journal only.
         floor: name of the floor.
         xy: two numbers, metres in the floor's frame.
     """
@@ -171,7 +181,13 @@ class Welcome(Struct, tag_field="type", tag="welcome", kw_only=True, frozen=True
 
 
 class Ack(Struct, tag_field="type", tag="ack", kw_only=True, frozen=True):
-    """What became of a message that asked for it."""
+    """What became of a message that asked for it.
+
+    Attributes:
+        device, session, seq: the message's.
+        outcome: the intake outcome; after ``busy`` and ``throttled`` the message may be sent again.
+        detail: further words, for people.
+    """
 
     v: Count
     device: str
@@ -184,7 +200,12 @@ class Ack(Struct, tag_field="type", tag="ack", kw_only=True, frozen=True):
 class Error(Struct, tag_field="type", tag="error", kw_only=True, frozen=True):
     """A message that cannot be used, or a request that cannot be answered: what was found where, what is expected.
 
-    ``device``, ``session`` and ``seq`` are those of the message as far as they could be read.
+    Attributes:
+        outcome: the intake outcome.
+        field: path of the field, such as ``sensors.gyroscope.values[3]``; ``message`` for the whole.
+        found: the value as it was found, shortened.
+        expected: what would be understood.
+        device, session, seq: those of the message as far as they could be read.
     """
 
     v: Count
@@ -255,17 +276,26 @@ class Envelope(Struct, kw_only=True, frozen=True):
 
 
 class FollowEnvelope(Struct, kw_only=True, frozen=True):
-    """Second frame on the follow port; ``number`` is the record's number in the journal."""
+    """Second frame on the follow port.
+
+    Attributes:
+        run: id of the engine's run.
+        number: the record's number in the journal, where estimates are counted, too.
+        seq: counts what was sent on this port, from 1; 0 is not counted.
+    """
 
     v: Count
     run: str
     number: Count
+    seq: Count = 0
 
 
 class Heartbeat(Struct, tag_field="type", tag="heartbeat", kw_only=True, frozen=True):
     """Says that the engine is alive.
 
     Attributes:
+        run: id of the engine's run.
+        site: name of the site.
         wall_ns: the engine's wall clock, ns since 1970.
         uptime_s: seconds since the run began here.
         devices: number of devices followed.

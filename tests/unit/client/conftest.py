@@ -66,9 +66,9 @@ class Sockets:
         identity = {"device": message.device, "session": message.session, "seq": message.seq}
         self.say(peer, Error(v=VERSION, outcome=outcome, **what, **identity))
 
-    def welcome(self, peer, run="r1"):
+    def welcome(self, peer, run="r1", limits=None):
         """Answer a hello."""
-        self.say(peer, Welcome(v=VERSION, run=run, site="mall", limits={}))
+        self.say(peer, Welcome(v=VERSION, run=run, site="mall", limits=limits or {}))
 
     def restart(self):
         """Close the sensors port as a dying engine does, and open it again at the same address."""

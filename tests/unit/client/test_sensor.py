@@ -319,3 +319,14 @@ def test_ipc_works_as_tcp_does(sockets, until, tmp_path):
     sensor = sockets.keep(Sensor(f"ipc://{tmp_path}/sensors", "d", context=sockets.context))
     until(lambda: router.poll(5), lambda: sensor.flush(0.0))
     router.close(linger=0)
+
+
+def test_a_message_beyond_the_limits_is_refused_before_the_engine_hangs_up(link):
+    sensor = link.open()
+    with pytest.raises(ClientError, match=r"motion: found \d+ bytes; expected at most 262144 in one message"):
+        sensor.motion({"gyroscope": (range(10_000), [[0.0, 0.0, 0.0]] * 10_000)})
+    link.sockets.welcome(link.peer, limits={"message_bytes": 200})
+    link.until(lambda: sensor.welcome, link.turn)
+    with pytest.raises(ClientError, match="at most 200"):
+        sensor.scan(["x" * 200], [1.0], [1])
+    assert sensor.pressure(1, 1.0) == 1

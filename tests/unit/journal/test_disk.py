@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import queue
 import threading
 from pathlib import Path
 
@@ -185,3 +186,40 @@ def test_settings_that_cannot_be_are_refused_by_name() -> None:
         JournalSettings(keep_mb=0)
     with pytest.raises(ConfigError, match=r"journal\.segment_s: found nan"):
         JournalSettings(segment_s=float("nan"))
+
+
+def test_nothing_is_durable_before_the_disk_has_confirmed_file_and_folder(
+    tmp_path: Path, manifest: Manifest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: queue.Queue[str] = queue.Queue()
+    answers = threading.Semaphore(0)
+    fsync = os.fsync
+
+    def watched(handle: int) -> None:
+        asked.put(Path(f"/proc/self/fd/{handle}").readlink().name)
+        assert answers.acquire(timeout=WAIT_S)
+        fsync(handle)
+
+    writer = JournalWriter(tmp_path / "journal", manifest, JournalSettings(sync_ms=0))
+    started = threading.Event()
+    writer.when_durable(0, started.set)
+    assert started.wait(WAIT_S)
+    monkeypatch.setattr(os, "fsync", watched)
+    writer.append(Kind.EVENT, "a", 1, b"")
+    called = threading.Event()
+    writer.when_durable(2, called.set)
+    writer.new_segment(b"state")
+    seen = []
+    while not called.is_set() and len(seen) < 10:
+        try:
+            seen.append(asked.get(timeout=0.05))
+        except queue.Empty:
+            continue
+        assert (writer.durable < 2, called.is_set()) == (True, False)
+        answers.release()
+    assert called.wait(WAIT_S)
+    assert seen[-3:] == ["000001.mcap", "000002.mcap", "journal"]
+    assert writer.durable == 2
+    for _ in range(10):
+        answers.release()
+    writer.close()

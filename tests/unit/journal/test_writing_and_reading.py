@@ -11,7 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tickfix.journal import JournalDamaged, JournalError, JournalReader, JournalWriter, Kind, Manifest, Record, Since
+from tickfix.journal import (
+    Damage,
+    JournalDamaged,
+    JournalError,
+    JournalReader,
+    JournalWriter,
+    Kind,
+    Manifest,
+    Record,
+    Since,
+)
 
 RECORDS = st.lists(
     st.lists(
@@ -115,9 +125,11 @@ def test_numbers_that_are_missing_or_come_again_are_refused(tmp_path: Path, mani
         with JournalWriter(tmp_path, manifest, first_number=first) as writer:
             writer.append(Kind.EVENT, "a", 1, b"")
     read: list[Record] = []
-    with pytest.raises(JournalDamaged, match=r"000002\.mcap: at byte \d+: .*found record 4, expected record 2: 2 are"):
+    with pytest.raises(JournalDamaged, match=r"000002\.mcap: at byte \d+: .*; records 2–3 are missing"):
         read.extend(JournalReader(tmp_path).records())
-    assert [r.number for r in JournalReader(tmp_path).records(on_damage=print)] == [1, 4]
+    told: list[Damage] = []
+    assert [r.number for r in JournalReader(tmp_path).records(on_damage=told.append)] == [1, 4]
+    assert [damage.what for damage in told] == ["records 2–3 are missing"]
     with JournalWriter(tmp_path, manifest, first_number=3) as writer:
         writer.append(Kind.EVENT, "a", 1, b"")
     with pytest.raises(JournalDamaged, match=r"000003\.mcap: at byte \d+: record 3 again; expected record 5"):

@@ -6,11 +6,11 @@ commits the journal once, and only then publishes and acknowledges. So nobody he
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from tickfix.api import TICK_NS, Scan
+from tickfix.api import Scan
 from tickfix.drivers.live.deadlines import Deadlines
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.histogram import Histogram
@@ -20,9 +20,11 @@ from tickfix.drivers.live.outbox import Outbox
 from tickfix.drivers.live.overload import Overload
 from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.kernel import Outcome, Output
-from tickfix.ports import Clock, Command, Hub, Incoming, Said
-from tickfix.wire import Bye, Family, Hello
+from tickfix.drivers.live.speaker import Speaker
+from tickfix.kernel import Outcome
+from tickfix.ports import Clock, Command, Hub, Incoming
+from tickfix.ports.intake import Item
+from tickfix.wire import Bye, Hello
 from tickfix.wire.decisions import Drop, Finish, Fold, Primary, Run
 
 _IDLE_S: Final = 0.25
@@ -58,7 +60,6 @@ class Engine:
         self._hub = hub
         self._ledger = ledger
         self._settings = settings
-        self._site = site
         self._names = tuple(names)
         self._clock = Clock() if clock is None else clock
         self._after_round = after_round
@@ -72,17 +73,14 @@ class Engine:
         )
         self._overload = Overload(settings.overload_s)
         self._asked: dict[int, Incoming] = {}
+        self._to_locate: dict[str, deque[int]] = {}
         self._in_flight: set[tuple[str, str, int]] = set()
         self._outbox = Outbox(hub, ledger, on_disk=settings.durability == "ack", tell=tell)
+        self._speaker = Speaker(replica, ledger, self._outbox, settings, site=site, names=names, clock=self._clock)
         self._stopping = False
         self._looked_ns = 0
-        self.lateness, self.work = Histogram(), Histogram()
+        self.work = Histogram()
         self.counts: Counter[str] = Counter()
-
-    @property
-    def primary(self) -> str:
-        """The pipeline that is published."""
-        return self._replica.primary or self._settings.primary or self._names[-1]
 
     @property
     def overload(self) -> str | None:
@@ -96,17 +94,17 @@ class Engine:
         kernel = self._replica.kernel
         return {
             "devices": len(kernel.devices),
-            "ticks": self.counts["ticks"],
-            "lateness_ms": self.lateness.summary(),
+            "ticks": self._speaker.ticks,
+            "lateness_ms": self._speaker.lateness.summary(),
             "work_ms": self.work.summary(),
             "measurements": dict(kernel.measurements),
             "failures": dict(kernel.failures),
             "journal": self._ledger.status(),
             "overload": self.overload,
-            "primary": self.primary,
+            "primary": self._speaker.primary,
             "scans": {"being located": self._locator.waiting, "given up": self.counts["scans given up"]},
             "rounds": self.counts["rounds"],
-            "withheld": self.counts["withheld"],
+            "withheld": self._speaker.withheld,
             "overloads": self.counts["overloads"],
             "expired": self.counts["expired"],
         }
@@ -137,7 +135,7 @@ class Engine:
                 self._deadlines.heard(device, standing.newest_ns, standing.next_tick, arrived_ns=now_ns)
         for number, scan in self._replica.waiting.items():
             self._in_flight.add((scan.device, scan.session, scan.seq))
-            self._locator.ask(number, scan.device, self._replica.kernel.questions(scan))
+            self._ask(number, scan)
 
     def serve(self) -> None:
         """Run until told to stop, by :meth:`stop` or over the control port.
@@ -176,7 +174,8 @@ class Engine:
         touched: dict[str, int] = {}
         for item in items:
             if isinstance(item, Command):
-                self._obey(item)
+                stops = obey(item, self._hub, self._replica, self._ledger, self._names, self.drain)
+                self._stopping = self._stopping or stops
             elif self._outbox.full:
                 self._hub.answer(item, Outcome.BUSY, self._outbox.full)
             else:
@@ -219,20 +218,36 @@ class Engine:
         elif isinstance(event, Scan):
             self._asked[record] = item
             self._in_flight.add(number)
-            self._locator.ask(record, event.device, self._replica.kernel.questions(event))
+            self._ask(record, event)
+
+    def _ask(self, number: int, scan: Scan) -> None:
+        """Have a scan located; those of a device one after the other, since each stands in the next one's window."""
+        queue = self._to_locate.setdefault(scan.device, deque())
+        queue.append(number)
+        if len(queue) == 1:
+            self._locator.ask(number, scan.device, self._replica.kernel.questions(scan))
 
     def _let_in(self, touched: dict[str, int]) -> None:
         """Fold the scans that are located by now, and give up those that will not be."""
         for located in self._locator.done():
             scan = self._replica.waiting.get(located.number)
             if scan is None:
-                continue
+                continue  # its device is gone
             if located.reason:
                 self.counts["scans given up"] += 1
                 self._decide_on_scan(Drop(number=located.number, reason=located.reason), scan)
-                continue
-            received_ns = self._decide_on_scan(Fold(number=located.number), scan)
-            self._heard(scan.device, received_ns, touched)
+            else:
+                received_ns = self._decide_on_scan(Fold(number=located.number), scan)
+                self._heard(scan.device, received_ns, touched)
+            self._ask_next(scan.device)
+
+    def _ask_next(self, device: str) -> None:
+        queue = self._to_locate[device]
+        queue.popleft()
+        if queue:
+            self._locator.ask(queue[0], device, self._replica.kernel.questions(self._replica.waiting[queue[0]]))
+        else:
+            del self._to_locate[device]
 
     def _decide_on_scan(self, decision: Fold | Drop, scan: Scan) -> int:
         """Let a scan in or leave it out, and acknowledge it; return when it was received."""
@@ -261,39 +276,20 @@ class Engine:
         if output.published or output.revised or output.settled:
             newest_ns = 0 if standing is None or standing.newest_ns is None else standing.newest_ns
             self._ledger.decision(decision, device, newest_ns)
-            self._say(output, due_ns)
+            self._speaker.say(output, due_ns)
 
     def _finish(self, device: str, reason: str) -> None:
         if device not in self._replica.kernel.devices:
             return
         for number, scan in [(n, s) for n, s in self._replica.waiting.items() if s.device == device]:
             self._decide_on_scan(Drop(number=number, reason=f"the device is gone: {reason}"), scan)
+        self._to_locate.pop(device, None)
         decision = Finish(device=device, reason=reason)
         output, _ = self._replica.decide(decision)
         self._ledger.decision(decision, device, 0)
-        self._say(output, None)
+        self._speaker.say(output, None)
         self._deadlines.forget(device)
         self._hub.forget(device)
-
-    def _say(self, output: Output, due_ns: int | None) -> None:
-        """Write down what the kernel says; what is to be published waits for the commit."""
-        now_ns, primary, everyone = self._clock.monotonic_ns(), self.primary, self._settings.publish == "all"
-        overrun = due_ns is not None and now_ns - due_ns > TICK_NS and self._settings.overrun == "newest"
-        newest = output.published[-1].tick if output.published else None
-        for estimate in (*output.revised, *output.published):
-            body = self._ledger.estimate(estimate)
-            if estimate.revision == 0 and estimate.pipeline == primary:
-                self.counts["ticks"] += 1
-                if due_ns is not None:
-                    self.lateness.add((now_ns - due_ns) * 1e-6)
-            if not everyone and estimate.pipeline != primary:
-                continue
-            if estimate.revision == 0 and overrun and estimate.tick != newest:
-                self.counts["withheld"] += 1
-                continue
-            floor = None if estimate.belief is None else estimate.belief.floor
-            family: Family = "revision" if estimate.revision else "estimate"
-            self._outbox.say(Said(family, self._site, floor, estimate.device, estimate.pipeline, body))
 
     def _expire(self, now_ns: int) -> None:
         if now_ns - self._looked_ns < _LOOK_NS:
@@ -317,24 +313,43 @@ class Engine:
         self._hub.refuse(f"the engine is {self.overload}")
         self._tell(f"{message}; new devices are refused until it keeps up")
 
-    def _obey(self, command: Command) -> None:
-        done, reply = True, f"what: found {command.what!r}, expected drain, stop or primary"
-        if command.what == "stop":
-            self._stopping = True
-            reply = "stopping"
-        elif command.what == "drain":
-            self._hub.refuse_all("the engine is being drained")
-            self.drain()
-            self._stopping = True
-            reply = "drained: every track is settled; stopping"
-        elif command.what == "primary" and command.args.get("pipeline") in self._names:
-            decision = Primary(pipeline=str(command.args["pipeline"]))
-            self._ledger.decision(decision, "", 0)
-            self._replica.decide(decision)
-            reply = f"{decision.pipeline} is published from now on"
-        elif command.what == "primary":
-            done = False
-            reply = f"pipeline: found {command.args.get('pipeline')!r}, expected one of {', '.join(self._names)}"
-        else:
-            done = False
-        command.reply(done, reply)
+
+def obey(
+    command: Item, hub: Hub, replica: Replica, ledger: Ledger, names: Sequence[str], drain: Callable[[], None]
+) -> bool:
+    """Do what the control port was told; return whether the engine is to stop.
+
+    Args:
+        command: what else came in is refused: nobody is there to take it.
+        drain: settles all that is known of every device.
+    """
+    if not isinstance(command, Command):
+        hub.answer(command, Outcome.BUSY, "this engine takes nothing in")
+        return False
+    if command.what == "stop":
+        command.reply(*_done("stopping"))
+        return True
+    if command.what == "drain":
+        hub.refuse_all("the engine is being drained")
+        drain()
+        command.reply(*_done("drained: every track is settled; stopping"))
+        return True
+    name = command.args.get("pipeline")
+    if command.what != "primary":
+        command.reply(*_refused(f"what: found {command.what!r}, expected drain, stop or primary"))
+    elif name not in names:
+        command.reply(*_refused(f"pipeline: found {name!r}, expected one of {', '.join(names)}"))
+    else:
+        decision = Primary(pipeline=str(name))
+        ledger.decision(decision, "", 0)
+        replica.decide(decision)
+        command.reply(*_done(f"{name} is published from now on"))
+    return False
+
+
+def _done(what: str) -> tuple[bool, str]:
+    return True, what
+
+
+def _refused(why: str) -> tuple[bool, str]:
+    return False, why

@@ -7,7 +7,7 @@ from typing import Final
 
 _PER_DECADE: Final = 40
 _SMALLEST_MS: Final = 1e-3
-_BUCKETS: Final = 8 * _PER_DECADE + 2
+_BUCKETS: Final = 11 * _PER_DECADE + 2
 
 
 class Histogram:
@@ -33,6 +33,8 @@ class Histogram:
         wanted, seen = q * self.count, 0
         for place, n in enumerate(self._buckets):
             seen += n
+            if n and seen >= wanted and place == _BUCKETS - 1:
+                return self.max_ms
             if n and seen >= wanted:
                 return min(self.max_ms, _SMALLEST_MS * 10 ** (place / _PER_DECADE))
         return 0.0

@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from tickfix.api import Readings, Window
 from tickfix.api.packing import pack
-from tickfix.kernel import Pipeline, Stage
+from tickfix.kernel import Pipeline, Question, Stage
 
 _REMEMBERED: Final = 4096
 
@@ -83,9 +83,6 @@ def remembering(pipelines: Sequence[Pipeline]) -> tuple[Pipeline, ...]:
         return made[found.key]
 
     return tuple(p if p.fingerprint is None else replace(p, fingerprint=stage(p.fingerprint)) for p in pipelines)
-
-
-Question = tuple[Stage, Any, Readings]
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +195,8 @@ class Locator:
                 job = self._queue.popleft()
                 job.begun_ns = self._clock_ns()
                 self._working.append(job)
-            for stage, state, window in job.questions:
-                with suppress(Exception):  # remembered, and raised again where the kernel asks
-                    stage.algorithm.step(state, window)
+            for question in job.questions:
+                _answer(question)
             with self._condition:
                 self._working.remove(job)
                 if job.replaced:
@@ -210,3 +206,11 @@ class Locator:
                     continue
                 self._done.append(Located(job.number, job.device))
             self._wake()
+
+
+def _answer(question: Question) -> None:
+    """Compute the answers; they are remembered, and what is raised is raised again where the kernel asks."""
+    state = question.state
+    for window in question.windows:
+        with suppress(Exception):
+            state, _ = question.stage.algorithm.step(state, window)

@@ -8,20 +8,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 import tickfix
 from tickfix.api.errors import PortError
+from tickfix.client import Keys
 from tickfix.config import Config, build
 from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.engine import Engine
 from tickfix.drivers.live.errors import EngineError
+from tickfix.drivers.live.following import Follower, Leader
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.locating import remembering
 from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.resuming import Resumed, manifest_of, resume
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.status import Status
+from tickfix.drivers.live.status import Reporting, Status
 from tickfix.drivers.surveying import context_of
 from tickfix.journal import JournalLocked, JournalSettings, JournalWriter, Kind, Manifest
 from tickfix.kernel import Pipeline
@@ -45,6 +47,8 @@ class Order:
         config: pipelines, and the tables ``[live]``, ``[ports]`` and ``[journal]``.
         journal: folder; None keeps no journal.
         resume: go on with the journal's newest run.
+        follow: address of another engine's follow port; then its events and decisions are folded, and no sensors.
+        follow_key: own key for that port, as a file with ``engine.pub`` beside it; None where none is asked for.
         disabled: keys and labels of stages that must not run; pipelines that need one are left out.
     """
 
@@ -52,7 +56,22 @@ class Order:
     config: Config
     journal: Path | None = None
     resume: bool = False
+    follow: str = ""
+    follow_key: Path | None = None
     disabled: Mapping[str, str] = field(default_factory=dict)
+
+
+class Runnable(Reporting, Protocol):
+    """An engine: one that takes sensors in, or one that follows another."""
+
+    def adopt(self) -> None:
+        """Take over what the replica was restored with."""
+
+    def serve(self) -> None:
+        """Run until told to stop."""
+
+    def stop(self) -> None:
+        """Stop after this round; from any thread."""
 
 
 def serve(
@@ -62,8 +81,8 @@ def serve(
     *,
     began: Callable[[str, Addresses], None],
     tell: Callable[[str], None],
-    ending: Callable[[Engine], None] = lambda _: None,
-    control: Callable[[Engine], None] = lambda _: None,
+    ending: Callable[[Runnable], None] = lambda _: None,
+    control: Callable[[Runnable], None] = lambda _: None,
 ) -> None:
     """Serve until told to stop.
 
@@ -94,7 +113,7 @@ def serve(
     addresses = _patiently(hub.start)
     writer: JournalWriter | None = None
 
-    def after_round(engine: Engine) -> None:
+    def after_round(engine: Runnable) -> None:
         beacon.alive()
         status.look(engine)
 
@@ -102,11 +121,18 @@ def serve(
         writer = _written(order, registry, run, resumed, replica)
         status.hub = hub
         ledger = Ledger(writer, hub)
-        engine = Engine(replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell)
+        engine: Runnable
+        if order.follow:
+            followed = Leader(order.follow, _keys(order.follow_key))
+            engine = Follower(
+                followed, replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
+            )
+        else:
+            engine = Engine(replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell)
         engine.adopt()
         status.look(engine)
         if resumed is not None:
-            hub.publish(_last_words(resumed, site.name, engine.primary, everyone=live.publish == "all"))
+            hub.publish(_last_words(resumed, site.name, engine.report()["primary"], everyone=live.publish == "all"))
         control(engine)
         began(shown, addresses)
         engine.serve()
@@ -126,6 +152,10 @@ def _resumed(order: Order, replica: Replica, beacon: Beacon, tell: Callable[[str
     for damage in resumed.damage:
         tell(f"journal: {damage}")
     return resumed
+
+
+def _keys(own: Path | None) -> Keys | None:
+    return None if own is None else Keys.read(own, own.parent / "engine.pub")
 
 
 def _names(resumed: Resumed | None) -> tuple[str, str]:

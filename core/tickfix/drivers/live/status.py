@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from tickfix.drivers.live.engine import Engine
 from tickfix.ports import Clock, Hub
 
 _EVERY_NS: Final = 200_000_000
 _STUCK_S: Final = 2.0
 _MOST: Final = 10_000
+
+
+class Reporting(Protocol):
+    """An engine that can say how it is."""
+
+    def report(self) -> dict[str, Any]:
+        """Return what an operator wants to know, as plain values."""
+
+    def devices(self, most: int) -> tuple[dict[str, Any], ...]:
+        """Return how far each device has come, ``most`` of them."""
 
 
 class Status:
@@ -30,7 +39,7 @@ class Status:
         self._devices: tuple[Mapping[str, Any], ...] = ()
         self.hub: Hub | None = None
 
-    def look(self, engine: Engine) -> None:
+    def look(self, engine: Reporting) -> None:
         """Copy what the engine says of itself, a few times a second; called by the loop."""
         now_ns = self._clock.monotonic_ns()
         if now_ns - self._taken_ns >= _EVERY_NS:

@@ -1,0 +1,47 @@
+"""Quantiles of durations, and telling overload from a hiccup."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tickfix.drivers.live.histogram import Histogram
+from tickfix.drivers.live.overload import Overload
+
+S = 1_000_000_000
+
+
+@given(st.lists(st.floats(0.002, 1e7), min_size=1, max_size=200), st.floats(0.01, 1.0))
+def test_quantiles_are_exact_to_six_percent_and_never_too_small(durations: list[float], q: float) -> None:
+    histogram = Histogram()
+    for ms in durations:
+        histogram.add(ms)
+    true = float(np.quantile(durations, q, method="inverted_cdf"))
+    assert true <= histogram.quantile_ms(q) * (1 + 1e-9)
+    assert histogram.quantile_ms(q) <= true * 10 ** (1 / 40) * (1 + 1e-9)
+
+
+def test_an_empty_histogram_and_durations_out_of_range_are_no_error() -> None:
+    histogram = Histogram()
+    assert histogram.summary() == {"p50": 0.0, "p99": 0.0, "max": 0.0, "count": 0}
+    histogram.add(-1.0)
+    histogram.add(1e30)
+    assert histogram.summary()["count"] == 2
+    assert histogram.summary()["max"] == 1e30
+
+
+def test_a_hiccup_is_no_overload_and_a_pause_no_recovery() -> None:
+    overload = Overload(1.0)
+    assert not overload.late(5 * S, 0)
+    assert not overload.late(0, 1 * S)
+    assert not overload.late(5 * S, 2 * S)
+    assert not overload.late(5 * S, 4 * S)
+    assert overload.late(5 * S, 5 * S)
+    assert overload.announced
+    assert not overload.late(S // 10, 6 * S)
+    assert not overload.late(S // 2, 8 * S)  # better, but not well
+    assert not overload.late(S // 10, 9 * S)
+    assert overload.late(S // 10, 12 * S)
+    assert not overload.announced
+    assert overload.times == 1

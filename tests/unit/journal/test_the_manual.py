@@ -1,0 +1,33 @@
+"""docs/journal.md says what the code does."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+from tickfix.journal import JournalSettings, Kind, Manifest
+from tickfix.journal.manifest import FORMAT
+from tickfix.journal.records import CHANNELS
+
+PAGE = (Path(__file__).parents[3] / "docs" / "journal.md").read_text("utf-8")
+
+
+def test_settings_and_their_defaults() -> None:
+    told: dict[str, float | None] = {}
+    for names, values in re.findall(r"^\| ((?:`\w+`(?:, )?)+) \| ([\d., ]+|none) \|", PAGE, re.MULTILINE):
+        keys = re.findall(r"\w+", names)
+        given = [None] * len(keys) if values == "none" else [float(value) for value in values.split(", ")]
+        told |= dict(zip(keys, given, strict=True))
+    assert told == {field.name: field.default for field in fields(JournalSettings)}
+
+
+def test_channels_and_the_keys_of_the_manifest(manifest: Manifest) -> None:
+    topics = ", ".join(f"`{kind.value}`" for kind in Kind)
+    assert f"ids 1 to {len(Kind)}, without schema, message encoding `msgpack`; topics {topics}" in PAGE
+    assert list(CHANNELS.values()) == list(range(1, len(Kind) + 1))
+    section = PAGE.partition("### Manifest")[2].partition("###")[0]
+    keys = re.findall(r"`([\w/]+)`", "".join(line.split("|")[1] for line in section.splitlines() if "| `" in line))
+    written = {re.sub(r"^plugin/.*", "plugin/DISTRIBUTION", key) for key in manifest.entries()}
+    assert {re.sub(r"^note/.*", "note/NAME", key) for key in written} == set(keys)
+    assert f"| `format` | `{FORMAT}`;" in PAGE
