@@ -224,7 +224,7 @@ class Sensor:
     def _send(self, kind: str, **fields: Any) -> int:
         message = {"v": VERSION, "type": kind, "device": self.device, "session": self.session}
         data = packed({**fields, **message, "seq": self._next, "ack": True})
-        self._pump()
+        self._hear()
         most = (self.welcome or {}).get("limits", {}).get("message_bytes", _MESSAGE_BYTES)
         if len(data) > most:
             raise ClientError(f"{kind}: found {len(data)} bytes; expected at most {most} in one message")
@@ -240,19 +240,26 @@ class Sensor:
             self._on_drop(oldest)
         seq, self._next = self._next, self._next + 1
         self._outbox.keep(seq, data)
-        self._pump()
+        self._say()
         return seq
 
     def _pump(self) -> None:
-        """Read what has come, greet on a new connection, and send what is due."""
-        while self._monitor.poll(0):
+        self._hear()
+        self._say()
+
+    def _hear(self) -> None:
+        """Read what has come."""
+        while self._monitor.get(zmq.EVENTS) & zmq.POLLIN:
             event = parse_monitor_message(self._monitor.recv_multipart())["event"]
             self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if self._connected:
                 self._greet = self._greets
                 self._outbox.all_due()
-        while self._socket.poll(0):
+        while self._socket.get(zmq.EVENTS) & zmq.POLLIN:
             self._take(self._socket.recv_multipart()[-1])
+
+    def _say(self) -> None:
+        """Greet on a new connection, and send what is due."""
         if not self._connected:
             return
         with contextlib.suppress(zmq.Again):
