@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import tracemalloc
 from contextlib import suppress
 
 import msgpack
@@ -54,7 +55,7 @@ def use(data):
 
 
 @given(st.binary(max_size=200))
-@settings(max_examples=500)
+@settings(max_examples=300)
 def test_arbitrary_bytes_raise_nothing_but_wire_errors(data):
     with suppress(WireError):
         use(data)
@@ -73,7 +74,7 @@ ANYTHING = st.recursive(
 
 
 @given(st.sampled_from([PRESSURE, SCAN, motion()]), st.data())
-@settings(max_examples=500)
+@settings(max_examples=300)
 def test_any_value_in_any_field_raises_nothing_but_wire_errors(fields, data):
     name = data.draw(st.sampled_from([*fields, "session", "seq", "ack", "other", "t_ns", "source", "arrival_ns"]))
     with suppress(WireError):
@@ -88,7 +89,7 @@ def test_any_samples_raise_nothing_but_wire_errors(t_ns, values, sensor):
 
 
 @given(EVENTS.filter(lambda event: event.device), st.data())
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_a_message_cut_short_is_malformed(event, data):
     whole = from_event(event)
     half = whole[: data.draw(st.integers(0, len(whole) - 1))]
@@ -218,6 +219,26 @@ def test_a_list_above_the_ceiling_is_refused_before_it_is_built():
     many = msgpack.packb(motion(values=[[]] * 100_000))
     error = refusal(many)
     assert (error.field, error.found) == ("sensors.gyroscope.values", "an array that is longer")
+
+
+def worst(sensors, samples):
+    """Return a message that is as small as can be for what has to be built of it."""
+    batch = b"\x82" + msgpack.packb("t_ns") + b"\x90" + msgpack.packb("values")
+    batch += b"\xdc" + samples.to_bytes(2, "big") + b"\x90" * samples
+    head = msgpack.packb({"v": 1, "type": "motion", "device": "d"})
+    body = b"".join(msgpack.packb(f"{i:02}") + batch for i in range(sensors))
+    return b"\x84" + head[1:] + msgpack.packb("sensors") + b"\xde" + sensors.to_bytes(2, "big") + body
+
+
+@pytest.mark.parametrize("data", [worst(64, 4050), worst(4, 65_000)])
+def test_no_message_takes_more_memory_than_a_hundred_times_its_length(data):
+    assert 200_000 < len(data) < LIMITS.message_bytes
+    tracemalloc.start()
+    with suppress(WireError):
+        use(data)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 100 * len(data)
 
 
 @pytest.mark.parametrize("packed", [True, False])

@@ -196,7 +196,7 @@ def test_a_message_is_no_canonical_event_as_its_arrival_is_missing():
 
 
 @given(EVENTS, st.data())
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_a_damaged_event_is_refused_or_is_another_event(event, data):
     whole = bytearray(encode_event(event))
     at = data.draw(st.integers(0, len(whole) - 1))
