@@ -14,7 +14,7 @@ import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from tickfix.client.arrays import float64s, int64s
-from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, unpacked
+from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, readable, unpacked
 from tickfix.client.outbox import Outbox
 
 NOT_TAKEN: Final = frozenset({"busy", "throttled"})
@@ -249,13 +249,13 @@ class Sensor:
 
     def _hear(self) -> None:
         """Read what has come."""
-        while _readable(self._monitor):
+        while readable(self._monitor):
             event = parse_monitor_message(self._monitor.recv_multipart())["event"]
             self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if self._connected:
                 self._greet = self._greets
                 self._outbox.all_due()
-        while _readable(self._socket):
+        while readable(self._socket):
             self._take(self._socket.recv_multipart()[-1])
 
     def _say(self) -> None:
@@ -307,8 +307,3 @@ def _reason(answer: Mapping[str, Any]) -> str:
     if answer["type"] == "ack":
         return str(answer.get("detail", ""))
     return f"{answer.get('field')}: found {answer.get('found')}; expected {answer.get('expected')}"
-
-
-def _readable(socket: zmq.Socket[bytes]) -> bool:
-    """Whether a message is there. Cheaper than a poll, and asked all the time."""
-    return bool(int(socket.get(zmq.EVENTS)) & zmq.POLLIN)

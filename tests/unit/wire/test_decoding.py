@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_strategies import EVENTS
+from wire_strategies import SENT
 
 from tickfix.kernel import Outcome
 from tickfix.wire import (
@@ -88,7 +88,7 @@ def test_any_samples_raise_nothing_but_wire_errors(t_ns, values, sensor):
         use(msgpack.packb(fields))
 
 
-@given(EVENTS.filter(lambda event: event.device), st.data())
+@given(SENT, st.data())
 @settings(max_examples=100)
 def test_a_message_cut_short_is_malformed(event, data):
     whole = from_event(event)
@@ -122,6 +122,7 @@ def test_a_message_cut_short_is_malformed(event, data):
         (SCAN | {"heard_ns": [2**64 - 1]}, "heard_ns[0]", "18446744073709551615", "int <= 9223372036854775807"),
         (SCAN | {"heard_ns": [1.0]}, "heard_ns[0]", "1.0", "int"),
         (SCAN | {"transmitters": ["a", b"b"]}, "transmitters[1]", "b'b'", "str"),
+        (motion() | {"sensors": {"x" * 300: {"t_ns": [], "values": []}}}, "sensors", "300 characters", "at most 256"),
         (SCAN | {"transmitters": ["a", "b" * 300]}, "transmitters[1]", "300 characters", "at most 256"),
         (motion(values=[[1, 2, "3"]]), "sensors.gyroscope.values[0][2]", "'3'", "float"),
         (motion(values=[1, 2, 3]), "sensors.gyroscope.values[0]", "1", "array"),
@@ -155,9 +156,17 @@ def test_text_that_is_not_utf8_is_refused():
     assert (error.found, error.expected) == (r"text with b'\xff'", "UTF-8")
 
 
-@pytest.mark.parametrize("text", ["\0", "\U0001f6b6", "e\u0301", "\u202egnp", "a/b/*", "\ufeffx", "\ud7ff\ue000"])
+@pytest.mark.parametrize("text", ["\U0001f6b6", "e\u0301", "\u202egnp", "a/b/*", "\ufeffx", "\ud7ff\ue000"])
 def test_any_unicode_text_is_a_name(text):
     assert decode_message(msgpack.packb(PRESSURE | {"device": text}), LIMITS).device == text
+
+
+@pytest.mark.parametrize("text", ["\0", "a\nb", "\x1b[2J", "\x7f", "\x9b2J"])
+@pytest.mark.parametrize("field", ["device", "session"])
+def test_control_characters_are_refused_as_names_are_shown_on_terminals(field, text):
+    error = refusal(PRESSURE | {field: text})
+    assert (error.field, error.found, error.expected) == (field, repr(text), "text without control characters")
+    assert refusal(motion() | {"sensors": {text: {"t_ns": [], "values": []}}}).field == "sensors"
 
 
 def test_a_field_twice_is_refused():
