@@ -11,10 +11,12 @@ from urllib.parse import unquote
 
 import zmq
 
-from tickfix.client.connection import Keys, connect, open_socket, unpacked
+from tickfix.client.connection import Keys, connect, open_socket, readable, unpacked
 
 _HEARTBEAT: Final = b"heartbeat"
 _MOST_STREAMS: Final = 100_000
+_QUEUED: Final = 50_000
+"""Estimates that may wait here: those of a thousand devices for ten seconds."""
 
 
 class Listener:
@@ -75,6 +77,7 @@ class Listener:
         self._silent = False
         self._last: OrderedDict[tuple[str, ...], int] = OrderedDict()
         self._socket = open_socket(zmq.SUB, keys, context)
+        self._socket.setsockopt(zmq.RCVHWM, _QUEUED)
         for prefix in (*self._prefixes, _HEARTBEAT):
             self._socket.subscribe(prefix)
         connect(self._socket, address)
@@ -88,12 +91,9 @@ class Listener:
         """Return the next estimate, or None when there was none within ``timeout_s``; None waits for ever."""
         deadline_s = None if timeout_s is None else self._clock() + timeout_s
         while True:
-            now_s = self._clock()
-            ends_s = [
-                s for s in (deadline_s, None if self._silent else self._heard_s + self._silence_s) if s is not None
-            ]
-            wait_ms = max(0.0, 1000.0 * (min(ends_s) - now_s)) if ends_s else None
-            if self._socket.poll(None if wait_ms is None else int(wait_ms) + 1):
+            if not readable(self._socket):
+                self._wait(deadline_s)
+            if readable(self._socket):
                 estimate = self._take(self._socket.recv_multipart())
                 if estimate is not None:
                     return estimate
@@ -115,6 +115,12 @@ class Listener:
     ) -> None:
         """Close."""
         self.close()
+
+    def _wait(self, deadline_s: float | None) -> None:
+        """Wait for a message, the deadline, or the silence that is to be told."""
+        silence_s = None if self._silent else self._heard_s + self._silence_s
+        ends_s = [end_s for end_s in (deadline_s, silence_s) if end_s is not None]
+        self._socket.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
 
     def _watch(self, now_s: float) -> None:
         silence_s = now_s - self._heard_s

@@ -6,9 +6,13 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Final
 
-WINDOW: Final = 256
-"""Numbers that may be under way at once. Far below the 4096 that an engine remembers, so that whatever is sent again
-is known to it as new or as a duplicate, never too old to tell."""
+WINDOW: Final = 24
+"""Numbers that may be under way at once.
+
+An engine holds at least 32 answers for a connection that does not read at the moment, and those beyond are lost; so
+that many messages, and a greeting, may wait for theirs. It is also far below the 4096 numbers that an engine remembers,
+so that whatever is sent again is known as new or as a duplicate, never too old to tell.
+"""
 
 _PATIENCE_FACTOR: Final = 2.0
 _MOST_PATIENCE: Final = 16.0

@@ -14,7 +14,7 @@ import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from tickfix.client.arrays import float64s, int64s
-from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, unpacked
+from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, readable, unpacked
 from tickfix.client.outbox import Outbox
 
 NOT_TAKEN: Final = frozenset({"busy", "throttled"})
@@ -101,6 +101,9 @@ class Sensor:
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
         self._monitor = self._socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
         self._monitor.linger = 0
+        self._poller = zmq.Poller()
+        self._poller.register(self._socket, zmq.POLLIN)
+        self._poller.register(self._monitor, zmq.POLLIN)
         try:
             connect(self._socket, address)
         except ClientError:
@@ -187,9 +190,6 @@ class Sensor:
     def flush(self, timeout_s: float) -> bool:
         """Wait until everything is acknowledged, and return whether it is; what is due again is sent meanwhile."""
         deadline_s = self._clock() + timeout_s
-        poller = zmq.Poller()
-        poller.register(self._socket, zmq.POLLIN)
-        poller.register(self._monitor, zmq.POLLIN)
         while True:
             self._pump()
             now_s = self._clock()
@@ -198,7 +198,7 @@ class Sensor:
                 return due_s is None
             # Due already and yet not sent: the socket does not take it, and only a look from time to time tells.
             wake_s = due_s if due_s > now_s else now_s + 0.05
-            poller.poll(int(1000.0 * (min(wake_s, deadline_s) - now_s)) + 1)
+            self._poller.poll(int(1000.0 * (min(wake_s, deadline_s) - now_s)) + 1)
 
     def close(self) -> int:
         """Close at once; return the number of messages whose fate stays unknown. :meth:`flush` first to have none."""
@@ -224,7 +224,7 @@ class Sensor:
     def _send(self, kind: str, **fields: Any) -> int:
         message = {"v": VERSION, "type": kind, "device": self.device, "session": self.session}
         data = packed({**fields, **message, "seq": self._next, "ack": True})
-        self._pump()
+        self._hear()
         most = (self.welcome or {}).get("limits", {}).get("message_bytes", _MESSAGE_BYTES)
         if len(data) > most:
             raise ClientError(f"{kind}: found {len(data)} bytes; expected at most {most} in one message")
@@ -240,19 +240,26 @@ class Sensor:
             self._on_drop(oldest)
         seq, self._next = self._next, self._next + 1
         self._outbox.keep(seq, data)
-        self._pump()
+        self._say()
         return seq
 
     def _pump(self) -> None:
-        """Read what has come, greet on a new connection, and send what is due."""
-        while self._monitor.poll(0):
+        self._hear()
+        self._say()
+
+    def _hear(self) -> None:
+        """Read what has come."""
+        while readable(self._monitor):
             event = parse_monitor_message(self._monitor.recv_multipart())["event"]
             self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if self._connected:
                 self._greet = self._greets
                 self._outbox.all_due()
-        while self._socket.poll(0):
+        while readable(self._socket):
             self._take(self._socket.recv_multipart()[-1])
+
+    def _say(self) -> None:
+        """Greet on a new connection, and send what is due."""
         if not self._connected:
             return
         with contextlib.suppress(zmq.Again):

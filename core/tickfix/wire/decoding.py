@@ -30,6 +30,7 @@ _TYPES: Final[Mapping[str, type[Message]]] = {
 _DECODERS: Final = {name: msgspec.msgpack.Decoder(kind) for name, kind in _TYPES.items()}
 _KNOWN: Final = {name: {"type", *kind.__struct_fields__} for name, kind in _TYPES.items()}
 _MAPPED: Final[Mapping[str, Any]] = {"motion": messages.SensorBatch, "hello": float}
+_CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _PATH: Final = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")
 _EXPECTED: Final = re.compile(r"Expected (.+?)(?:, got (.+))?$")
 _BROKEN: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
@@ -252,6 +253,12 @@ def _check_texts(message: Message, most: int) -> None:
     texts: list[tuple[str, str]] = [
         (name, value) for name in message.__struct_fields__ if isinstance(value := getattr(message, name), str)
     ]
+    if isinstance(message, messages.Motion | messages.Hello):
+        texts.extend(("sensors", name) for name in message.sensors)
+    for name, text in texts:
+        # They are shown on terminals and written to logs, where a control character could pretend to be anything.
+        if _CONTROL.search(text):
+            raise WireError(name, shown(text), "text without control characters")
     if isinstance(message, messages.Scan):
         texts.extend((f"transmitters[{i}]", text) for i, text in enumerate(message.transmitters))
     for name, text in texts:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import tracemalloc
 from contextlib import suppress
 
 import msgpack
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wire_strategies import EVENTS
+from wire_strategies import SENT
 
 from tickfix.kernel import Outcome
 from tickfix.wire import (
@@ -54,7 +55,7 @@ def use(data):
 
 
 @given(st.binary(max_size=200))
-@settings(max_examples=500)
+@settings(max_examples=300)
 def test_arbitrary_bytes_raise_nothing_but_wire_errors(data):
     with suppress(WireError):
         use(data)
@@ -73,7 +74,7 @@ ANYTHING = st.recursive(
 
 
 @given(st.sampled_from([PRESSURE, SCAN, motion()]), st.data())
-@settings(max_examples=500)
+@settings(max_examples=300)
 def test_any_value_in_any_field_raises_nothing_but_wire_errors(fields, data):
     name = data.draw(st.sampled_from([*fields, "session", "seq", "ack", "other", "t_ns", "source", "arrival_ns"]))
     with suppress(WireError):
@@ -87,8 +88,8 @@ def test_any_samples_raise_nothing_but_wire_errors(t_ns, values, sensor):
         use(msgpack.packb(fields))
 
 
-@given(EVENTS.filter(lambda event: event.device), st.data())
-@settings(max_examples=200)
+@given(SENT, st.data())
+@settings(max_examples=100)
 def test_a_message_cut_short_is_malformed(event, data):
     whole = from_event(event)
     half = whole[: data.draw(st.integers(0, len(whole) - 1))]
@@ -121,6 +122,7 @@ def test_a_message_cut_short_is_malformed(event, data):
         (SCAN | {"heard_ns": [2**64 - 1]}, "heard_ns[0]", "18446744073709551615", "int <= 9223372036854775807"),
         (SCAN | {"heard_ns": [1.0]}, "heard_ns[0]", "1.0", "int"),
         (SCAN | {"transmitters": ["a", b"b"]}, "transmitters[1]", "b'b'", "str"),
+        (motion() | {"sensors": {"x" * 300: {"t_ns": [], "values": []}}}, "sensors", "300 characters", "at most 256"),
         (SCAN | {"transmitters": ["a", "b" * 300]}, "transmitters[1]", "300 characters", "at most 256"),
         (motion(values=[[1, 2, "3"]]), "sensors.gyroscope.values[0][2]", "'3'", "float"),
         (motion(values=[1, 2, 3]), "sensors.gyroscope.values[0]", "1", "array"),
@@ -154,9 +156,17 @@ def test_text_that_is_not_utf8_is_refused():
     assert (error.found, error.expected) == (r"text with b'\xff'", "UTF-8")
 
 
-@pytest.mark.parametrize("text", ["\0", "\U0001f6b6", "e\u0301", "\u202egnp", "a/b/*", "\ufeffx", "\ud7ff\ue000"])
+@pytest.mark.parametrize("text", ["\U0001f6b6", "e\u0301", "\u202egnp", "a/b/*", "\ufeffx", "\ud7ff\ue000"])
 def test_any_unicode_text_is_a_name(text):
     assert decode_message(msgpack.packb(PRESSURE | {"device": text}), LIMITS).device == text
+
+
+@pytest.mark.parametrize("text", ["\0", "a\nb", "\x1b[2J", "\x7f", "\x9b2J"])
+@pytest.mark.parametrize("field", ["device", "session"])
+def test_control_characters_are_refused_as_names_are_shown_on_terminals(field, text):
+    error = refusal(PRESSURE | {field: text})
+    assert (error.field, error.found, error.expected) == (field, repr(text), "text without control characters")
+    assert refusal(motion() | {"sensors": {text: {"t_ns": [], "values": []}}}).field == "sensors"
 
 
 def test_a_field_twice_is_refused():
@@ -218,6 +228,26 @@ def test_a_list_above_the_ceiling_is_refused_before_it_is_built():
     many = msgpack.packb(motion(values=[[]] * 100_000))
     error = refusal(many)
     assert (error.field, error.found) == ("sensors.gyroscope.values", "an array that is longer")
+
+
+def worst(sensors, samples):
+    """Return a message that is as small as can be for what has to be built of it."""
+    batch = b"\x82" + msgpack.packb("t_ns") + b"\x90" + msgpack.packb("values")
+    batch += b"\xdc" + samples.to_bytes(2, "big") + b"\x90" * samples
+    head = msgpack.packb({"v": 1, "type": "motion", "device": "d"})
+    body = b"".join(msgpack.packb(f"{i:02}") + batch for i in range(sensors))
+    return b"\x84" + head[1:] + msgpack.packb("sensors") + b"\xde" + sensors.to_bytes(2, "big") + body
+
+
+@pytest.mark.parametrize("data", [worst(64, 4050), worst(4, 65_000)])
+def test_no_message_takes_more_memory_than_a_hundred_times_its_length(data):
+    assert 200_000 < len(data) < LIMITS.message_bytes
+    tracemalloc.start()
+    with suppress(WireError):
+        use(data)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 100 * len(data)
 
 
 @pytest.mark.parametrize("packed", [True, False])

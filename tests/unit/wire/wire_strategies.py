@@ -35,22 +35,24 @@ def ints(n):
     return hnp.arrays(np.int64, n, elements=INT64)
 
 
-COMMON = st.fixed_dictionaries({"device": TEXT, "session": TEXT, "seq": st.integers(0, 2**63 - 1), "arrival_ns": INT64})
+def common(text, name):
+    """Return what all events have."""
+    fields = {"device": name, "session": text, "seq": st.integers(0, 2**63 - 1), "arrival_ns": INT64}
+    return st.fixed_dictionaries(fields)
 
 
 @st.composite
-def motions(draw):
+def motions(draw, text, name):
     """Return motion samples of some sensors."""
-    names = draw(st.lists(st.sampled_from(sorted(SENSORS)), unique=True))
     sensors = {}
-    for name in names:
+    for sensor in draw(st.lists(st.sampled_from(sorted(SENSORS)), unique=True)):
         n = draw(st.integers(0, 4))
-        sensors[name] = Samples(draw(ints(n)), draw(floats(n, SENSORS[name][0])))
-    return MotionSamples(sensors=sensors, t0_ns=draw(INT64), t1_ns=draw(INT64), **draw(COMMON))
+        sensors[sensor] = Samples(draw(ints(n)), draw(floats(n, SENSORS[sensor][0])))
+    return MotionSamples(sensors=sensors, t0_ns=draw(INT64), t1_ns=draw(INT64), **draw(common(text, name)))
 
 
 @st.composite
-def scans(draw):
+def scans(draw, text, name):
     """Return scans."""
     n = draw(st.integers(0, 4))
     return Scan(
@@ -58,25 +60,33 @@ def scans(draw):
         rssi_dbm=draw(floats(n)),
         heard_ns=draw(ints(n)),
         t_ns=draw(INT64),
-        source=draw(TEXT),
-        **draw(COMMON),
+        source=draw(text),
+        **draw(common(text, name)),
     )
 
 
 @st.composite
-def others(draw):
+def others(draw, text, name):
     """Return pressures, fixes and truths."""
-    t_ns, common = draw(INT64), draw(COMMON)
+    t_ns, fields = draw(INT64), draw(common(text, name))
     kind = draw(st.sampled_from([Pressure, Fix, Truth]))
     if kind is Pressure:
-        return Pressure(t_ns=t_ns, pressure_hpa=draw(FLOAT), **common)
-    place = {"floor": draw(TEXT), "xy": draw(floats(2))}
+        return Pressure(t_ns=t_ns, pressure_hpa=draw(FLOAT), **fields)
+    place = {"floor": draw(text), "xy": draw(floats(2))}
     if kind is Truth:
-        return Truth(t_ns=t_ns, **place, **common)
-    return Fix(t_ns=t_ns, covariance=draw(floats(2, 2)), source=draw(TEXT), **place, **common)
+        return Truth(t_ns=t_ns, **place, **fields)
+    return Fix(t_ns=t_ns, covariance=draw(floats(2, 2)), source=draw(text), **place, **fields)
 
 
-EVENTS = motions() | scans() | others()
+def events(text, name):
+    """Return events whose texts, and names of devices, are these."""
+    return motions(text, name) | scans(text, name) | others(text, name)
+
+
+_PRINTED = st.characters(exclude_categories=["Cs", "Cc"])
+EVENTS = events(TEXT, TEXT)
+SENT = events(st.text(_PRINTED, max_size=12), st.text(_PRINTED, min_size=1, max_size=12))
+"""Events that a device may send: its name is not empty, and names hold no control characters."""
 
 
 @st.composite
