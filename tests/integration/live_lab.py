@@ -1,0 +1,167 @@
+"""Engines, senders and listeners as processes, and what their journals say afterwards."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tickfix.api import Estimate
+from tickfix.client import Control
+from tickfix.journal import JournalReader, Kind
+from tickfix.wire import decode_estimate
+
+PATIENCE_S = 90.0
+"""How long a test waits for what must come; nothing here waits for time to pass."""
+PORTS = ("sensors", "positions", "control", "follow")
+
+
+@dataclass
+class Process:
+    """A process whose JSON lines are read as they come."""
+
+    popen: subprocess.Popen[str]
+    lines: list[dict[str, Any]] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    changed: threading.Condition = field(default_factory=threading.Condition)
+
+    def __post_init__(self) -> None:
+        for stream, take in ((self.popen.stdout, self._json), (self.popen.stderr, self.errors.append)):
+            threading.Thread(target=self._read, args=(stream, take), daemon=True).start()
+
+    def wait_for(self, wanted: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
+        """Return the first line that is wanted, waiting for it."""
+        with self.changed:
+            found = self.changed.wait_for(lambda: next(filter(wanted, self.lines), None) or self._ended(), PATIENCE_S)
+        line = next(filter(wanted, self.lines), None)
+        assert found, f"no {what}: {self.lines} {''.join(self.errors)}"
+        assert line is not None, f"ended without {what}: {self.lines} {''.join(self.errors)}"
+        return line
+
+    def kill(self) -> None:
+        """End it as nobody can prevent."""
+        self.popen.kill()
+        self.popen.wait(PATIENCE_S)
+
+    def stop(self) -> dict[str, Any]:
+        """End it in order, and return its last words."""
+        self.popen.send_signal(signal.SIGTERM)
+        assert self.popen.wait(PATIENCE_S) == 0, "".join(self.errors)
+        ended: dict[str, Any] = self.wait_for(lambda line: "ended" in line, "last words")["ended"]
+        return ended
+
+    def _ended(self) -> bool:
+        return self.popen.poll() is not None
+
+    def _json(self, line: str) -> None:
+        with contextlib.suppress(json.JSONDecodeError), self.changed:
+            self.lines.append(json.loads(line))
+            self.changed.notify_all()
+
+    def _read(self, stream: Any, take: Callable[[str], None]) -> None:
+        for line in stream:
+            take(line)
+        with self.changed:
+            self.changed.notify_all()
+
+
+@dataclass
+class Engine(Process):
+    """``tickfix serve``."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.at = self.wait_for(lambda line: "serving" in line, "engine")
+
+    def control(self) -> Control:
+        """Return a client of its control port."""
+        return Control(self.at["control"], timeout_s=PATIENCE_S)
+
+    def notice(self, part: str) -> str:
+        """Wait until it tells something, and return that."""
+        return str(self.wait_for(lambda line: part in line.get("notice", ""), f"notice of {part!r}")["notice"])
+
+
+class Lab:
+    """Starts processes and ends them all.
+
+    Args:
+        site: folder of the site.
+        place: for journals and configurations.
+    """
+
+    def __init__(self, site: Path, place: Path) -> None:
+        self.site, self.place = site, place
+        self.env: dict[str, str] = {**os.environ, "PYTHONUTF8": "1", "OPENBLAS_NUM_THREADS": "1"}
+        self._processes: list[subprocess.Popen[str]] = []
+
+    def start(self, *arguments: object, before: Callable[[], None] | None = None) -> subprocess.Popen[str]:
+        """Start ``tickfix`` with arguments."""
+        popen = subprocess.Popen(  # noqa: S603 - our own command
+            [sys.executable, "-m", "tickfix.cli.main", *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=self.env,
+            preexec_fn=before,  # noqa: PLW1509 - nothing here has threads that hold locks the child needs
+        )
+        self._processes.append(popen)
+        return popen
+
+    def serve(
+        self,
+        config: str,
+        *options: object,
+        at: Mapping[str, str] | None = None,
+        before: Callable[[], None] | None = None,
+    ) -> Engine:
+        """Start an engine, on free ports or on those of another one."""
+        file = self.place / "live.toml"
+        file.write_text(config, encoding="utf-8")
+        where = dict.fromkeys(PORTS, "tcp://127.0.0.1:*") if at is None else {name: at[name] for name in PORTS}
+        names = {"follow": "feed"}
+        addresses = [part for name, value in where.items() for part in (f"--{names.get(name, name)}", value)]
+        command = ("serve", self.site, "--config", file, "--json", *addresses, *options)
+        return Engine(self.start(*command, before=before))
+
+    def send(self, engine: Engine, *options: object) -> subprocess.Popen[str]:
+        """Play recordings, or a crowd, to an engine."""
+        return self.start("send", "--to", engine.at["sensors"], "--json", *options)
+
+    def end(self) -> None:
+        """Kill what is left."""
+        for popen in self._processes:
+            with contextlib.suppress(OSError):
+                popen.kill()
+            popen.communicate()
+
+
+def outcome(sender: subprocess.Popen[str]) -> dict[str, Any]:
+    """Wait for a sender and return what it says."""
+    said, errors = sender.communicate(timeout=2 * PATIENCE_S)
+    assert sender.returncode == 0, said + errors
+    sent: dict[str, Any] = json.loads(said)
+    return sent
+
+
+def estimates(journal: Path) -> Iterator[Estimate]:
+    """Yield what a journal says was said."""
+    for record in JournalReader(journal).records(on_damage=lambda _: None):
+        if record.kind in (Kind.ESTIMATE, Kind.REVISION):
+            yield decode_estimate(record.payload)
+
+
+def last_word(journal: Path) -> dict[tuple[str, str], dict[int, Estimate]]:
+    """Return the last revision of every tick, by device and pipeline."""
+    tracks: dict[tuple[str, str], dict[int, Estimate]] = {}
+    for estimate in estimates(journal):
+        tracks.setdefault((estimate.device, estimate.pipeline), {})[estimate.tick] = estimate
+    return tracks
