@@ -8,7 +8,7 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.journal import (
@@ -33,6 +33,7 @@ RECORDS = st.lists(
 
 
 @given(commits=RECORDS)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_every_record_comes_back_as_it_was_appended(
     commits: Sequence[Sequence[tuple[Kind, str, int, bytes]]],
     manifest: Manifest,
