@@ -334,7 +334,7 @@ def test_a_full_disk_stops_the_intake_and_keeps_the_past(lab: Lab, walks: list[P
     sender = lab.send(engine, walks[0], "--speed", "0")
     assert "Intake has stopped" in engine.notice("Intake")
     with engine.control() as control:
-        assert not control.health()["ok"]
+        _until(lambda: not control.health()["ok"])
         assert "full" in control.status()["overload"]
     sender.kill()
     engine.kill()

@@ -32,6 +32,7 @@ class JournalWriter:
         folder: made if there is none.
         manifest: of the run; its ``first_number`` is filled in.
         first_number: of the next record: 1 in a new run, one more than the last intact one where a run goes on.
+        snapshot: where a run goes on, the first record; the segment appears with it whole.
         wall_ns: the wall clock.
 
     Raises:
@@ -47,6 +48,7 @@ class JournalWriter:
         settings: JournalSettings | None = None,
         *,
         first_number: int = 1,
+        snapshot: bytes | None = None,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         """Take the folder's lock and begin a segment."""
@@ -59,15 +61,17 @@ class JournalWriter:
         try:
             clear_unborn(folder)
             index = max(map(segment_index, segment_paths(folder)), default=0) + 1
-            self._file = self._begin(index, first_number, None)
+            now_ns = wall_ns()
+            opening = None if snapshot is None else _opening(first_number, now_ns, snapshot)
+            self._file = self._begin(index, first_number, opening)
         except BaseException:
             self._lock.release()
             raise
         self._index = index
-        self._begun_ns = wall_ns()
-        self._group = Group(first_number)
+        self._begun_ns = now_ns
+        self._group = Group(first_number if opening is None else opening.next)
         self._disk = DiskThread(folder, self._settings.sync_ms / 1e3, first_number - 1, self._drop_old)
-        self._disk.wrote(self._file, first_number - 1)
+        self._disk.wrote(self._file, self._group.next - 1)
         self._open = True
 
     @property
@@ -143,8 +147,7 @@ class JournalWriter:
         """
         self.commit()
         now_ns = self._wall_ns()
-        opening = Group(self._group.first)
-        opening.add(Kind.SNAPSHOT, "", now_ns, now_ns, snapshot)
+        opening = _opening(self._group.first, now_ns, snapshot)
         new = self._begin(self._index + 1, opening.first, opening)
         # Without its ending a segment can be read all the same, and more slowly.
         with suppress(JournalError):
@@ -208,3 +211,9 @@ class JournalWriter:
         failure = self._disk.take_failure()
         if failure is not None:
             raise failure
+
+
+def _opening(number: int, now_ns: int, snapshot: bytes) -> Group:
+    opening = Group(number)
+    opening.add(Kind.SNAPSHOT, "", now_ns, now_ns, snapshot)
+    return opening

@@ -25,7 +25,7 @@ from tickfix.drivers.live.resuming import Resumed, manifest_of, resume
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.status import Reporting, Status
 from tickfix.drivers.surveying import context_of
-from tickfix.journal import JournalLocked, JournalSettings, JournalWriter, Kind, Manifest
+from tickfix.journal import JournalLocked, JournalSettings, JournalWriter, Manifest
 from tickfix.kernel import Pipeline
 from tickfix.kernel.probe import numeric_probe
 from tickfix.plugins import Registry
@@ -176,11 +176,8 @@ def _written(
     folder, settings = order.journal, order.config.section("journal", JournalSettings)
     manifest = _manifest(order, registry, run, None if resumed is None else resumed.manifest)
     first = 1 if resumed is None else resumed.next_number
-    writer = _patiently(lambda: JournalWriter(folder, manifest, settings, first_number=first))
-    if resumed is not None:
-        writer.append(Kind.SNAPSHOT, "", time.time_ns(), replica.snapshot())
-        writer.commit()
-    return writer
+    snapshot = None if resumed is None else replica.snapshot()
+    return _patiently(lambda: JournalWriter(folder, manifest, settings, first_number=first, snapshot=snapshot))
 
 
 def resumable(folder: Path) -> str:
