@@ -199,6 +199,7 @@ def test_a_listener_whose_key_is_withdrawn_is_cut_off_and_the_others_come_back(
     assert good.socket.recv_multipart()[2] == b"1"  # the last value again: it has come back
     hub.publish([Said("estimate", "office", "F1", "p", "fusion", b"2")])
     assert good.socket.recv_multipart()[2] == b"2"
+    closed(engine.client(zmq.SUB, "positions", "bad"))
     assert engine.refusals("positions") >= 1
     assert not bad.socket.poll(0)
 

@@ -95,6 +95,7 @@ class Sensor:
         self._hello: dict[str, Any] = {"sensors": {}, "software": "tickfix.client", "clock": ""}
         self._connected = False
         self._greets = greets
+        self._left = False
         self._greet = greets
         self._socket = open_socket(zmq.DEALER, keys, context)
         # Nothing waits in a queue of libzmq for a connection: what waits, waits in the outbox.
@@ -180,11 +181,16 @@ class Sensor:
         return self._send(str(message["type"]), **fields)
 
     def bye(self, timeout_s: float = 5.0) -> bool:
-        """Tell that the device leaves, after all else was acknowledged; return whether it was heard in time."""
+        """Tell that the device leaves, after all else was acknowledged; return whether it was heard in time.
+
+        Where it was not, call again: goodbye is said once, until something else is sent.
+        """
         before = self._clock()
         if not self.flush(timeout_s):
             return False
-        self._send("bye")
+        if not self._left:
+            self._send("bye")
+            self._left = True
         return self.flush(timeout_s - (self._clock() - before))
 
     def flush(self, timeout_s: float) -> bool:
@@ -239,6 +245,7 @@ class Sensor:
             self._outbox.forget(oldest)
             self._on_drop(oldest)
         seq, self._next = self._next, self._next + 1
+        self._left = False
         self._outbox.keep(seq, data)
         self._say()
         return seq

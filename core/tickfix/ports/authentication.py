@@ -106,11 +106,9 @@ class Doorkeeper:
         grant = None
         if version == b"1.0" and len(frames) == 7 and frames[5] == b"CURVE" and len(frames[6]) == 32:
             key = zmq.utils.z85.encode(frames[6]).decode("ascii")
+            # As the list is at this instant: a client that is refused does not come back by itself.
+            self._allowed.refresh()
             grant = self._allowed.of_key(key)
-            if grant is None or port not in grant.ports:
-                # A client that is refused does not come back by itself: it may have been allowed a moment ago.
-                self._allowed.refresh()
-                grant = self._allowed.of_key(key)
         if grant is None or port not in grant.ports:
             self.refused[port] += 1
             return [b"1.0", request, b"400", b"not on the allow-list for this port", b"", b""]

@@ -194,7 +194,7 @@ def _decode(decoder: msgspec.msgpack.Decoder[T], data: bytes, mapped: Any) -> T:
     except UnicodeDecodeError as error:
         raise WireError("message", f"text with {error.object[error.start : error.end]!r}", "UTF-8") from None
     except RecursionError:
-        raise WireError("message", "too many levels of nesting", "at most a few hundred") from None
+        raise WireError("message", "too many levels of nesting", "a map of a few levels") from None
     except msgspec.DecodeError as error:
         raise WireError("message", f"{len(data)} bytes: {error}", "one whole MessagePack map") from None
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from tickfix import api
 from tickfix.api import SENSORS, Event, EventError, MotionSamples, Samples
@@ -116,6 +117,11 @@ def _motion(message: messages.Motion, arrival_ns: int, t0_ns: int = UNSET_NS, t1
             sensors[name] = Samples(t_ns, values)
     if message.sensors and not sensors:
         raise WireError("sensors", shown(next(iter(message.sensors))), " | ".join(SENSORS), Outcome.UNKNOWN)
+    if t0_ns == t1_ns == UNSET_NS and sensors:
+        # What the event would work out sensor by sensor, which takes longer.
+        heard = np.concatenate([samples.t_ns for samples in sensors.values()])
+        if len(heard):
+            t0_ns, t1_ns = int(heard.min()), int(heard.max())
     return MotionSamples(sensors=sensors, t0_ns=t0_ns, t1_ns=t1_ns, **_common(message, arrival_ns))
 
 

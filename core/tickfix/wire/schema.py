@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import msgspec
 
-from tickfix.wire import messages
+from tickfix.wire import decisions, messages
 from tickfix.wire.estimates import BeliefMessage, ComponentMessage, EstimateMessage
 from tickfix.wire.messages import OLDEST_VERSION, VERSION
 
@@ -32,7 +32,14 @@ PORTS: Final[dict[str, tuple[type[msgspec.Struct], ...]]] = {
     "sensors, to a device": (messages.Welcome, messages.Ack, messages.Error),
     "positions": (messages.Envelope, EstimateMessage, messages.Heartbeat),
     "control": (messages.Request, messages.Reply, messages.Error),
-    "follow": (messages.FollowEnvelope,),
+    "follow": (
+        messages.FollowEnvelope,
+        decisions.Fold,
+        decisions.Drop,
+        decisions.Run,
+        decisions.Finish,
+        decisions.Primary,
+    ),
 }
 """Which messages go over which port."""
 

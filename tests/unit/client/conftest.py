@@ -132,7 +132,7 @@ def clock():
 def until() -> Callable:
     """Return a loop that turns both sides until something is there."""
 
-    def turn(found, step, tries=2000):
+    def turn(found, step, tries=20_000):
         for _ in range(tries):
             step()
             value = found()

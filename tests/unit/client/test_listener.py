@@ -41,7 +41,7 @@ def test_estimates_come_as_maps(sockets, listen):
 
 
 def test_iteration_ends_when_nothing_comes(sockets, listen):
-    listener = listen(timeout_s=0.3)
+    listener = listen(timeout_s=1.5)
     for seq in (1, 2, 3):
         say(sockets, seq)
     assert [estimate["tick"] for estimate in listener] == [1, 2, 3]
@@ -115,16 +115,15 @@ def test_heartbeats_are_kept_and_are_no_estimates(sockets, listen):
     assert listener.heartbeat["site"] == "mall"
 
 
-def test_silence_is_told_once_and_ends_with_a_heartbeat(sockets, listen):
+def test_silence_is_told_once_and_ends_with_a_heartbeat(sockets, listen, until):
     silences = []
     listener = listen(silence_s=0.05, on_silence=silences.append)
     assert listener.receive(0.3) is None
     assert len(silences) == 1
     assert silences[0] >= 0.05
     sockets.beat(1)
-    assert listener.receive(0.3) is None
-    assert listener.heartbeat is not None
-    assert len(silences) == 2
+    until(lambda: listener.heartbeat, lambda: listener.receive(0.01))
+    until(lambda: len(silences) == 2, lambda: listener.receive(0.01))
 
 
 def test_what_is_no_publication_is_passed_over(sockets, listen):

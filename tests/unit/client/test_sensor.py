@@ -280,7 +280,11 @@ def test_bye_goes_out_after_all_else_was_acknowledged(link):
     assert link.silent()
     link.ack(message)
     assert sensor.bye(0.0) is False
-    assert isinstance(link.next(), Bye)
+    bye = link.next()
+    assert isinstance(bye, Bye)
+    link.ack(bye)
+    assert sensor.bye(0.0) is True
+    assert link.silent(), "goodbye is said once"
 
 
 def test_welcome_is_kept_and_a_refused_hello_explained(link):
