@@ -165,3 +165,28 @@ def last_word(journal: Path) -> dict[tuple[str, str], dict[int, Estimate]]:
     for estimate in estimates(journal):
         tracks.setdefault((estimate.device, estimate.pipeline), {})[estimate.tick] = estimate
     return tracks
+
+
+def adds_up(control: Control, *, at_least: int = 0) -> dict[str, int]:
+    """Wait until every message in has its outcome, and return how many had which."""
+
+    def settled() -> bool:
+        intake = control.counters()["ports"]["intake"]
+        return bool(intake["pending"] == 0 and intake["received"] >= at_least)
+
+    until(settled)
+    intake = control.counters()["ports"]["intake"]
+    outcomes: dict[str, int] = intake["outcomes"]
+    assert sum(outcomes.values()) == intake["received"]
+    return outcomes
+
+
+def until(happened: Callable[[], bool]) -> None:
+    """Ask until it happened, at most for a long time."""
+    ended = threading.Event()
+    timer = threading.Timer(PATIENCE_S, ended.set)
+    timer.daemon = True
+    timer.start()
+    while not happened():
+        assert not ended.wait(0.02), "it never happened"
+    timer.cancel()

@@ -11,8 +11,8 @@ import typer
 
 from tickfix.api import ConfigError
 from tickfix.cli.output import registry, stdout
+from tickfix.cli.status import own_keys
 from tickfix.cli.survey import ConfigFile
-from tickfix.client import Keys
 from tickfix.config import build, load
 from tickfix.drivers.live.locate import LocatingService
 from tickfix.drivers.surveying import context_of
@@ -47,8 +47,7 @@ def locate(
         raise ConfigError("locate", "no pipeline with a fingerprint", "one that has one, chosen by --pipeline NAME")
     (built,) = build(with_fingerprint[-1:], context_of(surveyed), surveyed.models)
     assert built.fingerprint is not None  # noqa: S101 - chosen for it
-    keys = None if key is None else Keys.read(key, key.parent / "engine.pub")
-    service = LocatingService(built.fingerprint, feed, to, keys=keys, tell=_tell)
+    service = LocatingService(built.fingerprint, feed, to, keys=own_keys(key), tell=_tell)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: service.stop())
     console = stdout()

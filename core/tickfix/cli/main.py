@@ -9,6 +9,7 @@ import typer
 
 import tickfix
 from tickfix.api import TickfixError
+from tickfix.cli.control import control
 from tickfix.cli.demo import demo
 from tickfix.cli.journal import app as journal_app
 from tickfix.cli.keys import app as keys_app
@@ -37,6 +38,7 @@ app.command()(send)
 app.command()(locate)
 app.command()(listen)
 app.command()(status)
+app.command()(control)
 app.add_typer(keys_app, name="keys")
 app.add_typer(plugins_app, name="plugins")
 app.add_typer(journal_app, name="journal")

@@ -10,7 +10,7 @@ import typer
 
 from tickfix.api import ConfigError, ReaderError, Recording
 from tickfix.cli.output import print_json, progress, registry, stdout, warn_of
-from tickfix.client import Keys
+from tickfix.cli.status import own_keys
 from tickfix.drivers.live.sending import Sent
 from tickfix.drivers.live.sending import send as send_walks
 from tickfix.drivers.recordings import find, read_all
@@ -47,7 +47,7 @@ def send(
     recordings = _recorded(walks or []) | _simulated(crowd, seed)
     if copies > 1:
         recordings = {f"{name}-{i:04d}": walk for name, walk in recordings.items() for i in range(copies)}
-    own = None if key is None else Keys.read(key, key.parent / "engine.pub")
+    own = own_keys(key)
     with progress() as show:
         sent = send_walks(recordings, to, speed=speed, keys=own, stay=stay, progress=show)
     if as_json:

@@ -63,7 +63,7 @@ def serve(
 ) -> None:
     """Follow devices live: sensors in and positions out over ZeroMQ, every 200 ms, with a journal if wanted.
 
-    Stop it with Ctrl-C or `tickfix status ADDRESS --stop`; after a crash start it again with --resume.
+    Stop it with Ctrl-C or `tickfix control stop`; after a crash start it again with --resume.
     """
     found = registry()
     settings = configured(load(config, found), pipeline, seed)

@@ -9,8 +9,7 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
-from tickfix.kernel import Outcome
-from tickfix.wire.errors import WireError
+from tickfix.wire.decoding import decode_as
 
 
 class Fold(msgspec.Struct, tag_field="type", tag="fold", kw_only=True, frozen=True):
@@ -61,10 +60,7 @@ def decode_decision(data: bytes) -> Decision:
     """Return the decision whose bytes these are.
 
     Raises:
-        WireError: when they are none.
+        tickfix.wire.WireError: when they are none.
     """
-    try:
-        decision: Decision = _DECODER.decode(data)
-    except msgspec.MsgspecError as error:
-        raise WireError("decision", str(error), "one of fold, drop, run, finish, primary", Outcome.MALFORMED) from error
+    decision: Decision = decode_as(_DECODER, data)
     return decision

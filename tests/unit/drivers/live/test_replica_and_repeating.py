@@ -15,7 +15,7 @@ from tickfix.drivers.live.replica import Replica
 from tickfix.journal import Kind, Record
 from tickfix.kernel import KernelSettings, Outcome, Pipeline
 from tickfix.plugins import discover
-from tickfix.wire import encode_estimate, encode_event
+from tickfix.wire import WireError, encode_estimate, encode_event
 from tickfix.wire.decisions import Decision, Drop, Finish, Fold, Primary, Run, decode_decision, encode_decision
 
 MS = 1_000_000
@@ -135,3 +135,9 @@ def test_a_scan_waits_for_its_decision(pipelines: tuple[Pipeline, ...]) -> None:
 )
 def test_decisions_survive_their_bytes(decision: Decision) -> None:
     assert decode_decision(encode_decision(decision)) == decision
+
+
+@pytest.mark.parametrize("data", [b"", b"\x80", b"\xc1", b"\x81\xa1x" * 100_000, encode_decision(Run(device="d"))[:-3]])
+def test_bytes_that_are_no_decision_are_refused(data: bytes) -> None:
+    with pytest.raises(WireError):
+        decode_decision(data)
