@@ -15,7 +15,7 @@ from tickfix.kernel import Outcome
 from tickfix.ports import Addresses, Command, Hub, Incoming, PortSettings
 from tickfix.ports.keys import KeyPair, new_pair, read_pair
 
-PATIENCE_MS = 10_000
+PATIENCE_MS = 30_000
 """How long a test waits for what must come; nothing here waits for time to pass."""
 
 

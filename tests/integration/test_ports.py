@@ -545,3 +545,10 @@ def test_settings_say_which_limit_makes_no_sense() -> None:
         PortSettings(queue_messages=0)
     with pytest.raises(Exception, match=r"ports\.peer\.byte_burst: found 10; expected at least"):
         PortSettings(peer=PeerLimits(byte_burst=10))
+
+
+def test_a_follow_port_may_be_left_closed(open_hub: Open, connect: Connect) -> None:
+    hub = open_hub(follow="")
+    assert hub.addresses.follow == ""
+    hub.follow([(b"event", 1, b"bytes")])
+    assert connect(zmq.REQ, hub.addresses.control).ask("subscribe-info")["data"]["follow"] == ""
