@@ -19,7 +19,8 @@ from tickfix.wire import encode_estimate
 
 STATUS: dict[str, Any] = {
     "run": "r-17", "site": "office", "version": "0.1.0", "uptime_s": 93_784.0, "devices": 12, "ticks": 123_456,
-    "lateness_ms": {"p50": 0.4, "p99": 3.25, "max": 11.0}, "work_ms": {"p50": 1.0, "p99": 2.0, "max": 3.0},
+    "lateness_ms": {"p50": 0.4, "p99": 3.25, "max": 11.0, "count": 0},
+    "work_ms": {"p50": 1.0, "p99": 2.0, "max": 3.0},
     "intake": {"accepted": 1_000, "late": 0, "malformed": 3}, "measurements": {}, "failures": {"filter:x": 2},
     "publications": {"sent": 99}, "overload": None,
     "pipelines": [{"name": "fusion", "primary": True, "state": "running"}, {"name": "pdr", "state": "disabled"}],
@@ -80,7 +81,7 @@ def test_status_shows_what_the_engine_says(tickfix: Command, open_hub: Callable[
     hub = open_hub()
     shown = tickfix("status", hub.addresses.control).stdout
     for text in (
-        "office, run r-17, up 1 d 2 h: 12 devices, 123\u202f456 ticks", "keeps up", "p50 0.4 ms, p99 3.2 ms",
+        "office, run r-17, up 1 d 2 h: 12 devices, 123\u202f456 ticks", "keeps up", "p50 0.4 ms, p99 3.2 ms, max 11.0 ms, count 0",
         "accepted 1\u202f000, malformed 3", "filter:x 2", "fusion (primary, running), pdr (disabled)",
         "measurements   none", "journal        unknown",
     ):  # fmt: skip

@@ -107,8 +107,12 @@ def _value(name: str, value: Any) -> str:
     if name == "pipelines" and isinstance(value, list):
         return ", ".join(_pipeline(one) for one in value) or "none"
     if isinstance(value, Mapping):
-        unit = " ms" if name.endswith("_ms") else ""
-        shown = [f"{key} {_count(one)}{unit}" for key, one in value.items() if one not in (0, "", None) or unit]
+        times = name.endswith("_ms")
+        shown = [
+            f"{key.replace('_', ' ')} {_count(one)}{' ms' if times and isinstance(one, float) else ''}"
+            for key, one in value.items()
+            if times or one not in (0, "", None)
+        ]
         return ", ".join(shown) or "none"
     if isinstance(value, list):
         return "\n".join(map(str, value)) or "none"
