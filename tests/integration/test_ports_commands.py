@@ -83,7 +83,7 @@ def test_status_shows_what_the_engine_says(tickfix: Command, open_hub: Callable[
     for text in (
         "office, run r-17, up 1 d 2 h: 12 devices, 123\u202f456 ticks", "keeps up",
         "p50 0.4 ms, p99 3.2 ms, max 11.0 ms, count 0",
-       
+
         "accepted 1\u202f000, malformed 3", "filter:x 2", "fusion (primary, running), pdr (disabled)",
         "measurements   none", "journal        unknown",
     ):  # fmt: skip
