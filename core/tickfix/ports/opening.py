@@ -15,7 +15,7 @@ from tickfix.ports.keys import ENGINE, PORTS, read_pair
 from tickfix.ports.settings import PortSettings
 from tickfix.ports.sockets import bind, demand_keys, endpoint_of, open_router, open_socket
 
-_QUEUED: Final = {"sensors": 64, "positions": 10_000, "control": 64, "follow": 20_000}
+_QUEUED: Final = {"sensors": 256, "positions": 10_000, "control": 64, "follow": 20_000}
 """High-water marks, messages per peer. What a sensor sends beyond them waits in its own connection."""
 
 _SUBSCRIPTION_BYTES: Final = 4_096
