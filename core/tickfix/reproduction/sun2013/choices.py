@@ -107,7 +107,7 @@ CHOICES: Final = (
     ),
     Choice(
         what="map alone",
-        value="S_(n−1) of step 4 is the corrected point before; no correction of the first",
+        value="S_(n−1) is the point before as corrected; a first point in structure goes to the nearest walkway",
         source="chosen: figure 1 is not in the text",
     ),
     Choice(

@@ -73,9 +73,15 @@ def access_points() -> tuple[AccessPoint, ...]:
 def reference_points() -> Floats:
     """Return the reference points (91, 2): two rows along the corridors, a lattice in the room."""
     along = SOUTH[0] + SPACING_M * (np.arange(13) + 0.5)
-    room_x, room_y = 0.6 + SPACING_M * np.arange(5), ROOM[0] + SPACING_M * (np.arange(7) + 0.5)
-    parts = [((7.95, 9.45), along), ((10.95, 12.45, 13.95), along[:2]), ((15.45, 16.95), along[:12]), (room_x, room_y)]
-    return np.concatenate([np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2) for x, y in parts])
+    room_y = ROOM[0] + SPACING_M * (np.arange(7) + 0.5)
+    first = {"room": 0.6, "western": 7.95, "southern": 10.95, "eastern": 15.45}
+    lattices = [
+        _lattice(first["western"], 2, along),
+        _lattice(first["southern"], 3, along[:2]),
+        _lattice(first["eastern"], 2, along[:12]),
+        _lattice(first["room"], 5, room_y),
+    ]
+    return np.concatenate(lattices)
 
 
 def test_points() -> tuple[Floats, Floats]:
@@ -105,6 +111,11 @@ def draw_plans(folder: Path) -> tuple[Path, Path]:
         draw.line(_pixels(np.array(line), size[1]), fill=60, width=1)
     image.save(paths[1])
     return paths
+
+
+def _lattice(x: float, columns: int, y: Floats) -> Floats:
+    """Return the points (n, 2) of so many columns from ``x`` on."""
+    return np.stack([np.tile(x + SPACING_M * np.arange(columns), len(y)), np.repeat(y, columns)], axis=1)
 
 
 def _pixels(xy: Floats, rows: int) -> list[tuple[float, float]]:
