@@ -72,16 +72,9 @@ def access_points() -> tuple[AccessPoint, ...]:
 
 def reference_points() -> Floats:
     """Return the reference points (91, 2): two rows along the corridors, a lattice in the room."""
-    along = SOUTH[0] + SPACING_M * (np.arange(13) + 0.5)
-    room_y = ROOM[0] + SPACING_M * (np.arange(7) + 0.5)
-    first = {"room": 0.6, "western": 7.95, "southern": 10.95, "eastern": 15.45}
-    lattices = [
-        _lattice(first["western"], 2, along),
-        _lattice(first["southern"], 3, along[:2]),
-        _lattice(first["eastern"], 2, along[:12]),
-        _lattice(first["room"], 5, room_y),
-    ]
-    return np.concatenate(lattices)
+    south, room = SOUTH[0] + SPACING_M / 2, ROOM[0] + SPACING_M / 2
+    western, southern, eastern = ((7.95, south), 2, 13), ((10.95, south), 3, 2), ((15.45, south), 2, 12)
+    return np.concatenate([_lattice(*part) for part in (western, southern, eastern, ((0.6, room), 5, 7))])
 
 
 def test_points() -> tuple[Floats, Floats]:
@@ -113,9 +106,11 @@ def draw_plans(folder: Path) -> tuple[Path, Path]:
     return paths
 
 
-def _lattice(x: float, columns: int, y: Floats) -> Floats:
-    """Return the points (n, 2) of so many columns from ``x`` on."""
-    return np.stack([np.tile(x + SPACING_M * np.arange(columns), len(y)), np.repeat(y, columns)], axis=1)
+def _lattice(corner: tuple[float, float], columns: int, rows: int) -> Floats:
+    """Return the points (n, 2) of a lattice by its south-western corner."""
+    row, column = np.indices((rows, columns)).reshape(2, -1)
+    lattice: Floats = np.array(corner) + SPACING_M * np.stack([column, row], axis=1)
+    return lattice
 
 
 def _pixels(xy: Floats, rows: int) -> list[tuple[float, float]]:
