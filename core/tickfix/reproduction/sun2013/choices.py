@@ -8,10 +8,11 @@ from tickfix.reproduction.report import Choice
 from tickfix.simulation import Propagation, Receiver
 
 SURVEY_S: Final = 150.0
-SURVEY_SAMPLES: Final = 300
 TEST_S: Final = 50.0
 TEST_SAMPLES: Final = 100
+"""All 6500 over 65 test points."""
 ONLINE_SAMPLES: Final = 2
+PASSES: Final = TEST_SAMPLES // ONLINE_SAMPLES
 POINTS_AVERAGED: Final = 7
 STEP_S: Final = 1.0
 

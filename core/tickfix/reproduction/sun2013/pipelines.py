@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from tickfix.reproduction.sun2013.choices import POINTS_AVERAGED, SURFACE_K, SURFACE_N
+from tickfix.reproduction.sun2013 import choices
 
 KNN: Final = "KNN"
 WKNN: Final = "WKNN"
@@ -15,7 +15,9 @@ ALONE: Final = ""
 MAP: Final = " + Map"
 KF: Final = " + KF"
 KMF: Final = " + KMF"
-SYSTEMS: Final = tuple(f"{fingerprint}{aid}" for aid in (ALONE, MAP, KF, KMF) for fingerprint in FINGERPRINTS)
+AIDS: Final = (ALONE, MAP, KF, KMF)
+AGILE: Final = "0.5 m/s²: "
+"""Before the name of a system whose filter lets the walker accelerate ten times as much as printed."""
 
 NCC: Final = "NCC (1), blocks"
 NCC_OF_MEANS: Final = "NCC (1), means"
@@ -48,17 +50,20 @@ def configuration(plan: Path, plan_with_walkways: Path) -> str:
     aids = {
         ALONE: 'filter = "fixes"',
         MAP: f'filter = {{ use = "fixes", matched = true }}\nmap = {image}',
-        KF: 'filter = { use = "kalman-map", preset = "sun2013" }',
-        KMF: f'filter = {{ use = "kalman-map", preset = "sun2013" }}\nmap = {image}',
+        KF: _kalman(),
+        KMF: f"{_kalman()}\nmap = {image}",
     }
     tables = [
         _table(f"{name}{aid}", method, filter_) for aid, filter_ in aids.items() for name, method in _METHODS.items()
     ]
     tables += [_table(name, method) for name, method in _VARIANTS.items()]
-    for n in SURFACE_N:
+    agile = _kalman(", acceleration_mps2 = 0.5")
+    tables.append(_table(f"{AGILE}{FNCC}{KF}", _METHODS[FNCC], agile))
+    tables.append(_table(f"{AGILE}{FNCC}{KMF}", _METHODS[FNCC], f"{agile}\nmap = {image}"))
+    for n in choices.SURFACE_N:
         fncc = f'{{ use = "fncc", preset = "sun2013", n = {n}, {_CORRELATION} }}'
-        tables.append(_table(surface(FNCC, n, POINTS_AVERAGED), fncc))
-        for k in SURFACE_K:
+        tables.append(_table(surface(FNCC, n, choices.POINTS_AVERAGED), fncc))
+        for k in choices.SURFACE_K:
             knn = f'{{ use = "knn", preset = "sun2013", n = {n}, k = {k}, {_SHARED} }}'
             tables.append(_table(surface(KNN, n, k), knn))
     return "\n".join(tables)
@@ -67,6 +72,10 @@ def configuration(plan: Path, plan_with_walkways: Path) -> str:
 def surface(fingerprint: str, n: int, k: int) -> str:
     """Return the name of the pipeline for one point of figure 4."""
     return f"{fingerprint} N={n} K={k}"
+
+
+def _kalman(parameters: str = "") -> str:
+    return f'filter = {{ use = "kalman-map", preset = "sun2013"{parameters} }}'
 
 
 def _table(name: str, fingerprint: str, filter_: str = 'filter = "fixes"') -> str:
