@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from textwrap import fill
+from typing import Final
 
 from rich import box
 from rich.console import Group, RenderableType
@@ -11,6 +13,8 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from tickfix.reproduction.report import Cell, Choice, Claim, Reproduction, Table
+
+_TITLE_WIDTH: Final = 13
 
 
 def printed(result: Reproduction, *, choices: bool) -> Group:
@@ -32,15 +36,16 @@ def _heading(table: Table) -> Text:
 def _grid(table: Table) -> Grid:
     """Return the table; a column has the paper's figures, ours, or both side by side."""
     grid = Grid(box=box.SIMPLE_HEAD, padding=(0, 1))
-    grid.add_column("", overflow="fold")
+    grid.add_column("", overflow="fold", vertical="bottom")
     columns: list[list[str]] = []
     for i, name in enumerate(table.columns):
         cells = [row[i] for row in table.rows.values()]
-        title = name
-        for whose, values in _sides(cells, table.decimals_of(i)):
-            grid.add_column(Text(f"{title}\n{whose}"), justify="right", no_wrap=True)
+        sides = dict(_sides(cells, table.decimals_of(i)))
+        for whose, values in sides.items():
+            # Above ours, which is wider, where there are two.
+            title = f"{fill(name, _TITLE_WIDTH)}\n" if whose == list(sides)[-1] else ""
+            grid.add_column(Text(f"{title}{whose}"), justify="right", no_wrap=True, vertical="bottom")
             columns.append(values)
-            title = ""
     for n, label in enumerate(table.rows):
         grid.add_row(Text(label), *(Text(column[n]) for column in columns))
     return grid
