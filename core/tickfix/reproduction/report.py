@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from tickfix.plugins import Registry
+
+_ROUNDING: Final = 1e-9
+"""Figures that differ by less than this share are the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +29,8 @@ class Interval:
 
     def text(self, decimals: int = 2, unit: str = "") -> str:
         """Return ``mean ± half the interval unit``; a figure without chance has no interval."""
-        half = "" if self.low == self.high else f" ± {(self.high - self.low) / 2:.{decimals}f}"
+        width = self.high - self.low
+        half = "" if width <= _ROUNDING * abs(self.mean) else f" ± {width / 2:.{decimals}f}"
         return f"{self.mean:.{decimals}f}{half}{f' {unit}' if unit else ''}"
 
     def as_json(self) -> list[float]:

@@ -75,3 +75,4 @@ def test_figures_are_printed_with_half_their_interval() -> None:
     assert Interval(mean=2.614, low=2.5, high=2.728, seeds=10).text() == "2.61 ± 0.11"
     assert Interval(mean=2.614, low=2.5, high=2.728, seeds=10).text(1, "m") == "2.6 ± 0.1 m"
     assert exact(91.0).text(0) == "91"
+    assert mean([0.1 + 0.2, 0.3, 0.3]).text() == "0.30"
