@@ -43,7 +43,7 @@ def _grid(table: Table) -> Grid:
         sides = dict(_sides(cells, table.decimals_of(i)))
         for whose, values in sides.items():
             # Above ours, which is wider, where there are two.
-            title = f"{fill(name, _TITLE_WIDTH)}\n" if whose == list(sides)[-1] else ""
+            title = f"{fill(name, _TITLE_WIDTH, break_long_words=False)}\n" if whose == list(sides)[-1] else ""
             grid.add_column(Text(f"{title}{whose}"), justify="right", no_wrap=True, vertical="bottom")
             columns.append(values)
     for n, label in enumerate(table.rows):

@@ -6,7 +6,7 @@ from typing import Final
 
 from tickfix.reproduction.sun2013.pipelines import FNCC, KF, KMF, KNN, MAP, WKNN
 
-COLUMNS: Final = ("mean, m", "σ, m", "within 2 m, %", "within 3 m, %")
+COLUMNS: Final = ("mean, m", "σ, m", "≤ 2 m, %", "≤ 3 m, %")
 
 ERRORS: Final[dict[str, tuple[float | None, ...]]] = {
     KNN: (2.77, 1.91, 39.6, 64.7),
