@@ -50,7 +50,7 @@ def reductions(runs: Sequence[Repetition], fingerprint: str, aid: str) -> Floats
 
 _TABLE_2 = (
     "The rows NCC (1), FNCC (5) and FNCC (6) are one here: eqs. (5) and (6) are the same quantity, and with its "
-    "sign kept it chooses the K points of eq. (1), see the last table."
+    "sign kept it chooses the K points of eq. (1), see the table of eqs. (1)–(6)."
 )
 
 
