@@ -17,6 +17,7 @@ from tickfix.cli.listen import listen
 from tickfix.cli.locate import locate
 from tickfix.cli.plugins import app as plugins_app
 from tickfix.cli.replay import replay
+from tickfix.cli.reproduce import reproduce
 from tickfix.cli.send import send
 from tickfix.cli.serve import serve
 from tickfix.cli.status import status
@@ -33,6 +34,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(survey)
 app.command()(replay)
+app.command()(reproduce)
 app.command()(serve)
 app.command()(send)
 app.command()(locate)

@@ -77,15 +77,23 @@ def survey_walks(
     name: str,
     holdout: float = 0.0,
     seed: int = 0,
+    spacing_m: float = 2.0,
+    reach_m: float = 3.0,
     progress: Progress = silent,
 ) -> SurveyedSite:
-    """Survey walks and train what the pipelines chose.
+    """Survey walks and train what the pipelines chose; the rest is as in :func:`tickfix.site.survey.survey`.
 
     Raises:
         SiteError: when no walk is left to survey.
     """
     result = survey(
-        recordings, floors, name=name, holdout=holdout, progress=lambda done, total: progress("mapping", done, total)
+        recordings,
+        floors,
+        name=name,
+        holdout=holdout,
+        spacing_m=spacing_m,
+        reach_m=reach_m,
+        progress=lambda done, total: progress("mapping", done, total),
     )
     models, problems = train(trainable(pipelines), result.lessons, seed, progress)
     return SurveyedSite(site=replace(result.site, models=models), problems=problems)

@@ -29,7 +29,9 @@ _MOST = 16
 
 
 def cores() -> int:
-    """Return how many processes can work at once; 1 where forking is not safe."""
+    """Return how many processes can work at once; 1 where forking is not safe, and within a worker."""
+    if _adopted:
+        return 1
     return min(_MOST, len(os.sched_getaffinity(0))) if sys.platform == "linux" else 1
 
 

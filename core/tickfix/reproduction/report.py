@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
+
+from tickfix.plugins import Registry
+
+_ROUNDING: Final = 1e-9
+"""Figures that differ by less than this share are the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,6 +26,12 @@ class Interval:
     low: float
     high: float
     seeds: int
+
+    def text(self, decimals: int = 2, unit: str = "") -> str:
+        """Return ``mean ± half the interval unit``; a figure without chance has no interval."""
+        width = self.high - self.low
+        half = "" if width <= _ROUNDING * abs(self.mean) else f" ± {width / 2:.{decimals}f}"
+        return f"{self.mean:.{decimals}f}{half}{f' {unit}' if unit else ''}"
 
     def as_json(self) -> list[float]:
         """Return the interval as ``[low, high]``."""
@@ -42,8 +53,9 @@ class Table:
     Attributes:
         name: as the paper calls it, such as ``"Table 4"``.
         caption: what it shows, with the unit.
-        columns: names of the figures.
+        columns: names of the figures, with their units.
         rows: by label, a cell per column.
+        decimals: to print, one number for all columns or one for each.
         note: what a reader must know before comparing; empty where nothing.
     """
 
@@ -51,7 +63,12 @@ class Table:
     caption: str
     columns: tuple[str, ...]
     rows: Mapping[str, tuple[Cell, ...]]
+    decimals: int | tuple[int, ...] = 2
     note: str = ""
+
+    def decimals_of(self, column: int) -> int:
+        """Return how many decimals a column is printed with."""
+        return self.decimals if isinstance(self.decimals, int) else self.decimals[column]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,10 +103,20 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reproduction:
-    """A paper's experiment, run again."""
+    """A paper's experiment, run again.
+
+    Attributes:
+        paper, title: its key, and what was reproduced.
+        seeds: how often the experiment ran.
+        choices: the twin.
+        tables, claims: what came out.
+        pictures: drawn, where they were asked for.
+        failures: stage calls that failed, by stage and kind of error; empty in a sound run.
+    """
 
     paper: str
     title: str
+    seeds: int
     choices: tuple[Choice, ...]
     tables: tuple[Table, ...]
     claims: tuple[Claim, ...]
@@ -111,7 +138,6 @@ class Reproduction:
                 }
                 for claim in self.claims
             ],
-            "choices": [{"what": c.what, "value": c.value, "source": c.source} for c in self.choices],
         }
 
 
@@ -123,10 +149,26 @@ class Show(Protocol):
 
 
 class Experiment(Protocol):
-    """What each paper's folder offers as ``reproduce``."""
+    """What each paper's module offers as ``reproduce``."""
 
-    def __call__(self, seeds: Sequence[int], show: Show, pictures: Path | None) -> Reproduction:
-        """Run the experiment once per seed and bring the figures together."""
+    def __call__(
+        self,
+        seeds: Sequence[int],
+        show: Show,
+        pictures: Path | None,
+        *,
+        registry: Registry,
+        processes: int | None = None,
+    ) -> Reproduction:
+        """Run the experiment once per seed and bring the figures together.
+
+        Args:
+            seeds: at least two; the same ones give the same figures.
+            show: told how far it is.
+            pictures: folder to draw into, which exists; None draws nothing.
+            registry: what the plugins offer.
+            processes: how many seeds run at once, by default as many as there are cores.
+        """
 
 
 def _table_json(table: Table) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from tickfix.simulation.radio import AccessPoint, Propagation, Radio
 from tickfix.simulation.recording import START_NS, Logging, SimulatedWalk, simulate_walk
 from tickfix.simulation.routes import Route, random_route, route_through, survey_routes
 from tickfix.simulation.scanning import Heard, Receiver, draw_receiver
+from tickfix.simulation.standing import simulate_stand
 from tickfix.simulation.walkable import Walkable, walkable
 from tickfix.simulation.walker import Steps, Trajectory, walk
 
@@ -52,6 +53,7 @@ __all__ = [
     "random_route",
     "rectangle",
     "route_through",
+    "simulate_stand",
     "simulate_survey",
     "simulate_walk",
     "simulate_walks",

@@ -91,7 +91,7 @@ def simulate_walk(
     sent = _arrived(
         [
             *_batches(_ns(t, start_ns), samples, name, start_ns, log, motion_log),
-            *_scans(scans, [ap.name for ap in building.access_points], name, start_ns, log, scan_log),
+            *scan_events(scans, [ap.name for ap in building.access_points], name, start_ns, log, scan_log),
         ]
     )
     taps = _arrived(_taps(trajectory, route.floor, name, start_ns, log, tap_log))
@@ -132,9 +132,18 @@ def _batches(
     ]
 
 
-def _scans(
+def scan_events(
     scans: Sequence[Heard], names: Sequence[str], device: str, start_ns: int, log: Logging, rng: Rng
 ) -> list[Scan]:
+    """Return what a phone heard as the scans it sends.
+
+    Args:
+        scans: times count from ``start_ns``.
+        names: of the access points, by their numbers.
+        device: that heard.
+        start_ns: device time at which the recording begins.
+        log, rng: how and by which draws they are logged.
+    """
     return [
         Scan(
             transmitters=tuple(names[i] for i in heard.access_point),

@@ -1,4 +1,8 @@
-"""Filter ``fixes``: where the last fix was. The Wi-Fi-only baseline of all three papers."""
+"""Filter ``fixes``: where the last fix was. The Wi-Fi-only baseline of all three papers.
+
+With ``matched`` the pipeline's map corrects each fix, coming from the one before as it was corrected: the "+ Map" of
+[sun2013] Table 4.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +21,7 @@ class FixesParams:
     speed_mps: Annotated[
         float, parameter("walking speed, by which the uncertainty grows between fixes", unit="m/s", ge=0)
     ] = 1.3
+    matched: Annotated[bool, parameter("the map corrects each fix", source="[sun2013] figure 1")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,7 @@ class Fixes(PredictUpdateFilter[FixesParams, LastFix]):
 
     def begin(self, fix: Fix, rng: Rng) -> LastFix:  # noqa: ARG002
         """Stand at the fix."""
-        return LastFix(fix.floor, fix.xy, fix.covariance)
+        return LastFix(fix.floor, self._matched(fix, None), fix.covariance)
 
     def predict(self, state: LastFix, motion: Motion, rng: Rng) -> LastFix:  # noqa: ARG002
         """Stay, less surely."""
@@ -48,9 +53,17 @@ class Fixes(PredictUpdateFilter[FixesParams, LastFix]):
 
     def update(self, state: LastFix, fix: Fix, rng: Rng) -> tuple[LastFix, Report]:
         """Stand at the new fix."""
-        innovation_m = float(np.hypot(*(fix.xy - state.xy))) if fix.floor == state.floor else None
-        return self.begin(fix, rng), Report(used=1, innovation_m=innovation_m)
+        if fix.floor != state.floor:
+            return self.begin(fix, rng), Report(used=1)
+        innovation_m = float(np.hypot(*(fix.xy - state.xy)))
+        xy = self._matched(fix, state.xy)
+        return LastFix(fix.floor, xy, fix.covariance), Report(used=1, innovation_m=innovation_m)
 
     def estimate(self, state: LastFix) -> Belief:
         """Say where the fix was."""
         return Belief(floor=state.floor, xy=state.xy, covariance=state.covariance + 0.5 * state.walked_m**2 * np.eye(2))
+
+    def _matched(self, fix: Fix, previous: Floats | None) -> Floats:
+        """Return U'ₙ for Uₙ, coming from U'ₙ₋₁ = ``previous``."""
+        floor_map = self.context.maps.get(fix.floor) if self.params.matched else None
+        return fix.xy if floor_map is None else floor_map.snap(previous, fix.xy)

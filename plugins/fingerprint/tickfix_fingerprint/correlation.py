@@ -11,6 +11,7 @@ import numpy as np
 from tickfix.api import Bools, Context, Floats, Ints, Preset, Readings, SurveyWalk, Trained, Window, frozen, parameter
 from tickfix_fingerprint.blocks import Blocks, online
 from tickfix_fingerprint.surveyed import SMALLEST, SurveyedFingerprint, SurveyedParams
+from tickfix_fingerprint.windows import last_scans
 
 COLLAPSED: Final = 1e-9
 """A variance below this share of the mean square is rounding, not variation."""
@@ -111,25 +112,4 @@ class Correlation(SurveyedFingerprint[P]):
 
     def observed(self, walk: SurveyWalk, n: int) -> Readings:
         """Return the window of N scans that ends with the walk's ``n``-th, each reading at its first delivery."""
-        last = walk.scans[n]
-        oldest_ns = last.t_ns - round(self.params.max_age_s * 1e9)
-        scans = [s for s in walk.scans[: n + 1] if s.source == last.source and s.t_ns >= oldest_ns][-self.params.n :]
-        seen: set[tuple[str, int]] = set()
-        rows: list[tuple[int, int, str, float]] = []
-        for number, scan in enumerate(scans):
-            for transmitter, rssi_dbm, heard_ns in zip(
-                scan.transmitters, scan.rssi_dbm.tolist(), scan.heard_ns.tolist(), strict=True
-            ):
-                if heard_ns >= oldest_ns and (transmitter, heard_ns) not in seen:
-                    seen.add((transmitter, heard_ns))
-                    rows.append((number, heard_ns, transmitter, rssi_dbm))
-        rows.sort()
-        return Readings(
-            t_ns=last.t_ns,
-            transmitters=tuple(row[2] for row in rows),
-            rssi_dbm=frozen([row[3] for row in rows]),
-            heard_ns=frozen([row[1] for row in rows], np.int64),
-            scan=frozen([row[0] for row in rows], np.int64),
-            scan_t_ns=tuple(scan.t_ns for scan in scans),
-            source=last.source,
-        )
+        return last_scans(walk, n, self.params.n, self.params.max_age_s)

@@ -6,11 +6,13 @@ INFOCOM 2000, section 4.3.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from tickfix.api import Floats
+from tickfix.api import Floats, Preset
 from tickfix_fingerprint.neighbours import NearestNeighbours, NeighbourParams
 from tickfix_fingerprint.representation import Representation
 from tickfix_fingerprint.similarity import Similarity
@@ -27,6 +29,9 @@ class Knn(NearestNeighbours[KnnParams]):
     name = "knn"
     source = "[bahl2000] section 4.3"
     Params = KnnParams
+    presets: ClassVar[Mapping[str, Preset]] = {
+        "sun2013": Preset("[sun2013] section 4.2.1: K = 7, mean of N = 2 samples", {"k": 7, "n": 2})
+    }
 
     @staticmethod
     def comparison(params: KnnParams) -> tuple[Representation, Similarity]:  # noqa: ARG004 - there is no choice

@@ -8,10 +8,23 @@ from typing import Annotated, TypeVar
 
 import numpy as np
 
-from tickfix.api import Bools, Context, Floats, Ints, RadioMap, Readings, Trained, frozen, parameter
+from tickfix.api import (
+    Bools,
+    Context,
+    Floats,
+    Ints,
+    RadioMap,
+    Readings,
+    SurveyWalk,
+    Trained,
+    Window,
+    frozen,
+    parameter,
+)
 from tickfix_fingerprint.representation import Representation, represent
 from tickfix_fingerprint.similarity import References, Similarity
 from tickfix_fingerprint.surveyed import SMALLEST, SurveyedFingerprint, SurveyedParams
+from tickfix_fingerprint.windows import last_scans
 
 
 @dataclass(frozen=True)
@@ -19,6 +32,15 @@ class NeighbourParams(SurveyedParams):
     """Parameters that every nearest-neighbour fingerprint has."""
 
     k: Annotated[int, parameter("neighbours averaged", ge=1, trains=True)] = 5
+    n: Annotated[
+        int,
+        parameter(
+            "N, the last scans whose mean is compared; 0: the newest reading of each transmitter",
+            source="[sun2013] section 4.2.1",
+            ge=0,
+            trains=True,
+        ),
+    ] = 0
 
 
 P = TypeVar("P", bound=NeighbourParams)
@@ -52,16 +74,16 @@ class ReferencePoints:
         """Return the number of points."""
         return len(self.xy)
 
-    def heard(self, window: Readings) -> tuple[Ints, Floats]:
-        """Return the known transmitters of the window, each with the representation of its newest reading."""
-        newest: dict[int, float] = {}
+    def heard(self, window: Readings, *, averaged: bool = False) -> tuple[Ints, Floats]:
+        """Return the known transmitters of the window, each with the representation of its newest or its mean RSS."""
+        readings: dict[int, list[float]] = {}
         for transmitter, rssi_dbm in zip(window.transmitters, window.rssi_dbm.tolist(), strict=True):
             n = self._index.get(transmitter)
             if n is not None:
-                newest[n] = rssi_dbm  # readings come oldest first
-        heard = np.fromiter(newest, np.int64, len(newest))
-        rssi_dbm = np.fromiter(newest.values(), np.float64, len(newest))
-        return heard, represent(rssi_dbm, self._representation, self._missing_dbm)
+                readings.setdefault(n, []).append(rssi_dbm)  # readings come oldest first
+        heard = np.fromiter(readings, np.int64, len(readings))
+        values = [sum(dbm) / len(dbm) if averaged else dbm[-1] for dbm in readings.values()]
+        return heard, represent(np.array(values, np.float64), self._representation, self._missing_dbm)
 
 
 class NearestNeighbours(SurveyedFingerprint[P]):
@@ -82,12 +104,23 @@ class NearestNeighbours(SurveyedFingerprint[P]):
     def weigh(self, distances: Floats) -> Floats:
         """Return the neighbours' weights (k,), > 0, for their distances (k,), nearest first."""
 
+    @property
+    def window(self) -> Window:
+        """The last N scans, or all that was heard within the greatest age."""
+        return Window(seconds=self.params.max_age_s, scans=self.params.n) if self.params.n else super().window
+
+    def observed(self, walk: SurveyWalk, n: int) -> Readings:
+        """Return the window of N scans that ends with the walk's ``n``-th, of one without N."""
+        if self.params.n == 0:
+            return super().observed(walk, n)
+        return last_scans(walk, n, self.params.n, self.params.max_age_s)
+
     def nearest(self, window: Readings) -> tuple[str, Floats, float] | None:
         """Return floor, place (2,) and distance of the nearest point in signal space; None without enough readings.
 
         The floor is the one that most of the neighbours' weight lies on, the place their weighted mean there.
         """
-        heard, values = self._points.heard(window)
+        heard, values = self._points.heard(window, averaged=self.params.n > 0)
         if len(heard) < self.params.min_readings or len(self._points) == 0:
             return None
         distances = self._points.references.distances(self._similarity, heard, values)

@@ -41,7 +41,11 @@ class Wknn(NearestNeighbours[WknnParams]):
         "euclid": Preset(
             "[jiang2015] eq. (20) and [sun2013] compare with it",
             {"representation": "positive", "similarity": "euclidean"},
-        )
+        ),
+        "sun2013": Preset(
+            "[sun2013] section 4.2.1: K = 7, mean of N = 2 samples",
+            {"k": 7, "n": 2, "representation": "positive", "similarity": "euclidean"},
+        ),
     }
 
     @staticmethod

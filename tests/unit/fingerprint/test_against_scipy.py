@@ -111,3 +111,25 @@ def test_knn_averages_the_points_nearest_in_dbm(radio_map: RadioMap) -> None:
         fix = knn.locate(window)
         assert fix is not None
         np.testing.assert_allclose(fix.xy, radio_map.point_xy[order].mean(axis=0), rtol=1e-9)
+
+
+def test_n_scans_are_compared_by_their_mean(radio_map: RadioMap) -> None:
+    scans = [{"01": -50.0, "02": -60.0, "03": -45.0}, {"01": -58.0, "03": -47.0}, {"02": -70.0, "07": -66.0}]
+    names = [name for scan in scans for name in scan]
+    window = Readings(
+        t_ns=3,
+        transmitters=tuple(names),
+        rssi_dbm=np.array([rssi for scan in scans for rssi in scan.values()]),
+        heard_ns=np.array([n + 1 for n, scan in enumerate(scans) for _ in scan]),
+        scan=np.array([n for n, scan in enumerate(scans) for _ in scan]),
+        scan_t_ns=(1, 2, 3),
+    )
+    mean = {name: np.mean([scan[name] for scan in scans if name in scan]) for name in sorted(set(names))}
+    one = Scan(transmitters=tuple(mean), rssi_dbm=np.array(list(mean.values())), heard_ns=np.full(len(mean), 3))
+    context = Context(radio_map=radio_map)
+    averaging, newest = Knn(KnnParams(k=K, n=3), context), Knn(KnnParams(k=K), context)
+    assert averaging.window.scans == 3
+    found, expected = averaging.locate(window), newest.locate(Readings.of(one))
+    assert found is not None
+    assert expected is not None
+    np.testing.assert_array_equal(found.xy, expected.xy)

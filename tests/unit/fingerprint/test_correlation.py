@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from tickfix.api import Context, RadioMap, Readings, frozen
 from tickfix_fingerprint.blocks import Blocks
-from tickfix_fingerprint.complexity import Operations, operation_counts
 from tickfix_fingerprint.fncc import Fncc, FnccParams
 from tickfix_fingerprint.ncc import Ncc, NccParams
 
@@ -146,13 +145,3 @@ def test_readings_of_one_scan_that_are_a_second_apart_are_one_sample() -> None:
 def test_a_site_where_nothing_was_heard_gives_no_fix() -> None:
     for method in both(radio_map([[], []]), min_readings=1):
         assert method.locate(window([{"a": -50.0}])) is None
-
-
-def test_the_operation_counts_are_those_of_table_3() -> None:
-    assert operation_counts(L=91, M=9, N=2, K=7) == {
-        "KNN": Operations(1559, 821, 91),
-        "WKNN": Operations(1571, 835, 91),
-        "NCC (1)": Operations(11023, 5280, 182),
-        "FNCC (5)": Operations(9476, 3642, 0),
-        "FNCC (6)": Operations(6382, 3824, 0),
-    }

@@ -1,0 +1,29 @@
+"""Which papers can be reproduced: by name, each imported when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from types import MappingProxyType
+from typing import Final
+
+from tickfix.reproduction.report import Experiment
+
+PAPERS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "sun2013": "tickfix.reproduction.sun2013.experiment",
+    }
+)
+"""The module of each paper that offers ``reproduce``, in the order in which ``all`` runs them."""
+
+
+def experiment(paper: str) -> Experiment:
+    """Return the experiment of a paper.
+
+    Raises:
+        ValueError: naming the papers there are.
+    """
+    if paper not in PAPERS:
+        raise ValueError(f"paper: found {paper!r}, expected one of {', '.join(PAPERS)}")
+    reproduce: Experiment = import_module(PAPERS[paper]).reproduce
+    return reproduce
