@@ -39,7 +39,11 @@ _ROWS: Final = (
         f"standing at each point, {DIRECTIONS} directions, {SCANS} measurements in each",
         "chosen: section 2 prints v measurements, no v",
     ),
-    ("RSSI measurements", "one scan every 2 s, told at once", "printed: section 3.3; its delay is not"),
+    (
+        "RSSI measurements",
+        "one scan every 2 s, at an instant and told at once",
+        "printed: section 3.3; its delay is not",
+    ),
     ("phone", "50 Hz; noise of its sensors as in Table 3, biases drawn", "printed: Table 3; the rest chosen"),
     (
         "person",

@@ -35,7 +35,10 @@ FIX_S: Final = 2.0
 DIRECTIONS: Final = 4
 SCANS: Final = 2
 """At a reference point the surveyor faces four directions and takes two measurements in each."""
-RECEIVER: Final = Receiver(scan_s=(1.0, 1.0), pause_s=(FIX_S - 1.0, FIX_S - 1.0), delivery_s=(0.0, 0.0), stale_s=0.0)
+_SCAN_S: Final = 0.15  # within one tick: the paper's epochs are instants
+RECEIVER: Final = Receiver(
+    scan_s=(_SCAN_S, _SCAN_S), pause_s=(FIX_S - _SCAN_S, FIX_S - _SCAN_S), delivery_s=(0.0, 0.0), stale_s=0.0
+)
 _HOUR_NS: Final = 3_600_000_000_000
 
 
