@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 
@@ -53,6 +53,10 @@ class MapPfParams(FadingParams):
         float, parameter("way per square root of a second that no step explains", unit="m/√s", gt=0)
     ] = 0.4
     scatter_m: Annotated[float, parameter("σ by which what was drawn is scattered", unit="m", gt=0)] = 0.3
+    walk: Annotated[
+        Literal["motion", "ekf"],
+        parameter("by what particles walk: measured motion, or the EKF's velocity", source="[wang2015] 5.1, step 2"),
+    ] = "motion"
     walls: Annotated[bool, parameter("a particle that passes a wall has left the effective region")] = True
     locked_out_m: Annotated[
         float, parameter("particles this far from the EKF's place are locked out", unit="m", gt=0)
@@ -120,8 +124,10 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         """Step 2: let every particle walk."""
         ekf = carry(state.ekf, motion)
         dt = (motion.t1_ns - motion.t0_ns) * 1e-9
-        blind = motion.heading_rad is None
-        move = dt * velocity(ekf) if blind else displacement(motion.distance_m, motion.heading_rad or 0.0)
+        if motion.heading_rad is None or self.params.walk == "ekf":
+            move = dt * velocity(ekf)
+        else:
+            move = displacement(motion.distance_m, motion.heading_rad)
         xy = state.xy + move + self.params.diffusion_m * math.sqrt(dt) * rng.standard_normal(state.xy.shape)
         dead = self._outside(state.on.floor, state.xy, xy)
         log_weights = np.where(dead, -np.inf, state.log_weights)  # eq. (24), first line

@@ -12,10 +12,14 @@ from tickfix.api import Motion, MotionSamples, Observation, Readings, Window
 from tickfix.kernel import Pipeline, Stage
 from tickfix.reproduction.wang2015.walks import FIX_S
 
-WIFI_M: Final[Mapping[float, tuple[float, float]]] = {40.0: (10.0, 0.0), 60.0: (10.0, 0.0), 80.0: (0.0, 10.0)}
-"""Table 5: by seconds since the walk began, x and y."""
-ODOMETRY_M: Final[Mapping[float, float]] = {40.0: 10.0, 60.0: 10.0, 80.0: 10.0}
-"""Table 7: by seconds since the walk began, s."""
+EPOCHS_S: Final = (40.0, 60.0, 80.0)
+"""Since the walk began."""
+WIFI_M: Final[Mapping[float, tuple[float, float]]] = dict(
+    zip(EPOCHS_S, ((10.0, 0.0), (10.0, 0.0), (0.0, 10.0)), strict=True)
+)
+"""Table 5: x and y by epoch."""
+ODOMETRY_M: Final[Mapping[float, float]] = dict.fromkeys(EPOCHS_S, 10.0)
+"""Table 7: s by epoch."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

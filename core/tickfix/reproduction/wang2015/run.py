@@ -14,13 +14,12 @@ from tickfix.drivers.surveying import train, trainable
 from tickfix.evaluation.run import prepare
 from tickfix.plugins import Registry
 from tickfix.reproduction.wang2015.gross import on_odometry, on_wifi
-from tickfix.reproduction.wang2015.schemes import DROPPED, MWPO, NO_MAP, WPO, aided, dead_reckoning
+from tickfix.reproduction.wang2015.schemes import DISTURBED, aided, dead_reckoning
 from tickfix.reproduction.wang2015.walks import FIX_S, Twin, draw_twin
 from tickfix.site.site import Site
 
 _FIRST_EPOCH = 2
 """A matrix of two measurements takes two epochs."""
-_DISTURBED = (WPO, MWPO, WPO + DROPPED, MWPO + DROPPED, NO_MAP)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -64,7 +63,7 @@ def run_seed(registry: Registry, seed: int) -> Walked:
     begin_ns = int(twin.walk.t_ns[0])
     bench = prepare(site, schemes)
     by_name = {pipeline.name: pipeline for pipeline in bench.pipelines}
-    disturbed = [put(by_name[name], begin_ns) for put in (on_wifi, on_odometry) for name in _DISTURBED]
+    disturbed = [put(by_name[name], begin_ns) for put in (on_wifi, on_odometry) for name in DISTURBED]
     recording = twin.walk.recording
     followed = replay(recording, (*bench.pipelines, *disturbed), bench.settings)
     reckoned = replay(recording, prepare(site, alone).pipelines, bench.settings, start=known_start(recording))

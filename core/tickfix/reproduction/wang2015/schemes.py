@@ -10,6 +10,8 @@ WPO: Final = "WPO"
 MWPO: Final = "MWPO"
 SCHEMES: Final = (GCK, PDR, WPO, MWPO)
 NO_MAP: Final = "MWPO without map"
+BY_EKF: Final = "MWPO walking by the EKF"
+"""The other reading of section 5: particles walk by the EKF's velocity, so that P-O reaches them only through it."""
 DROPPED: Final = ", failing fixes dropped"
 """The other reading of eq. (22): what fails the δS test is not input at all."""
 
@@ -18,6 +20,9 @@ UNMAPPED_PARTICLES: Final = (100, 200, 300, 400, 500)
 MAPPED_PARTICLES: Final = (40, 50, 60, 70, 80)
 """Table 2."""
 PARTICLES: Final = (*MAPPED_PARTICLES, *UNMAPPED_PARTICLES)
+
+DISTURBED: Final = (WPO, MWPO, WPO + DROPPED, MWPO + DROPPED, BY_EKF, NO_MAP)
+"""The schemes that gross errors are put into."""
 
 _INPUT: Final = """
 pdr = { use = "pseudo-odometry", preset = "wang2015" }
@@ -44,6 +49,7 @@ def aided() -> str:
         _pipeline(WPO + DROPPED, '{ use = "fading-ekf", preset = "wang2015-reject" }'),
         _pipeline(MWPO, '{ use = "map-pf", preset = "wang2015" }') + _MAP,
         _pipeline(MWPO + DROPPED, '{ use = "map-pf", preset = "wang2015", reject_go_and_back = true }') + _MAP,
+        _pipeline(BY_EKF, '{ use = "map-pf", preset = "wang2015", walk = "ekf" }') + _MAP,
         _pipeline(NO_MAP, '{ use = "map-pf", preset = "wang2015" }'),
     ]
     for particles in PARTICLES:

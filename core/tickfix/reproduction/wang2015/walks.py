@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from tickfix.api import Floats, RadioMap, Rng, Survey, frozen
-from tickfix.reproduction.wang2015.site import CALIBRATION, FLOOR, ROUTE, draw_building, reference_points
+from tickfix.reproduction.wang2015.site import CALIBRATION, FLOOR, ROUTE, SPACING_M, draw_building, reference_points
 from tickfix.simulation import (
     START_NS,
     Building,
@@ -18,16 +18,16 @@ from tickfix.simulation import (
     Phone,
     Receiver,
     SimulatedWalk,
-    Trajectory,
     Walkable,
     Walker,
     draw_phone,
     draw_walker,
     route_through,
+    simulate_stand,
     simulate_walk,
     walkable,
 )
-from tickfix.simulation.scanning import scan
+from tickfix.site.survey import survey
 from tickfix.site.walks import survey_walk
 
 FIX_S: Final = 2.0
@@ -39,6 +39,8 @@ _SCAN_S: Final = 0.15  # within one tick: the paper's epochs are instants
 RECEIVER: Final = Receiver(
     scan_s=(_SCAN_S, _SCAN_S), pause_s=(FIX_S - _SCAN_S, FIX_S - _SCAN_S), delivery_s=(0.0, 0.0), stale_s=0.0
 )
+_BREAK_NS: Final = 120_000_000_000
+_DAY_NS: Final = 86_400_000_000_000
 _HOUR_NS: Final = 3_600_000_000_000
 
 
@@ -64,7 +66,7 @@ def draw_twin(seed: int) -> Twin:
     walker, phone = _steady(draw_walker(person_rng)), _galaxy(draw_phone(person_rng))
     ground = walkable(building.floor(FLOOR))
     *calibration, test = [
-        _walk(building, ground, places, rng, name, walker, phone, START_NS + (n + 1) * _HOUR_NS)
+        _walk(building, ground, places, rng, name, walker, phone, START_NS + _DAY_NS + n * _HOUR_NS)
         for n, (name, places, rng) in enumerate(
             zip(
                 ("calibration-1", "calibration-2", "calibration-3", "test"),
@@ -94,49 +96,24 @@ def stand_at_points(building: Building, points: Floats, rng: Rng, *, chain: int)
         rng: draws fading and what is missed.
         chain: number of the survey among the chains of walks.
     """
-    names = [ap.name for ap in building.access_points]
-    order = np.argsort(names, kind="stable")
-    column = np.empty(len(names), np.int64)
-    column[order] = np.arange(len(names))
-    rows: list[Floats] = []
-    times: list[np.ndarray] = []
-    for point, (xy, point_rng) in enumerate(zip(points, rng.spawn(len(points)), strict=True)):
-        for turn, turn_rng in enumerate(point_rng.spawn(DIRECTIONS)):
-            begin_s = (point * DIRECTIONS + turn) * (SCANS + 1) * FIX_S
-            standing = _standing(xy, 2.0 * np.pi * turn / DIRECTIONS, SCANS * FIX_S + 0.1)
-            for heard in scan(standing, building.floor(FLOOR), building.radio, RECEIVER, turn_rng):
-                rows.append(
-                    np.column_stack([np.full(len(heard.heard_s), point), column[heard.access_point], heard.rssi_dbm])
-                )
-                times.append(START_NS + np.rint((begin_s + heard.heard_s) * 1e9).astype(np.int64))
-    samples = np.concatenate(rows)
-    point_of = samples[:, 0].astype(np.int64)
-    return RadioMap(
-        floors=(FLOOR,),
-        transmitters=tuple(names[i] for i in order),
-        point_floor=frozen(np.zeros(len(points)), np.int64),
-        point_xy=points,
-        sample_point=frozen(point_of, np.int64),
-        sample_transmitter=frozen(samples[:, 1], np.int64),
-        sample_rssi_dbm=frozen(samples[:, 2]),
-        sample_xy=frozen(points[point_of]),
-        sample_t_ns=frozen(np.concatenate(times), np.int64),
-        sample_chain=frozen(np.full(len(samples), chain), np.int64),
-    )
-
-
-def _standing(xy: Floats, heading_rad: float, seconds: float) -> Trajectory:
-    t = np.array([0.0, seconds])
-    still = np.zeros(2)
-    return Trajectory(
-        t_s=t,
-        way_m=still,
-        xy=np.stack([xy, xy]),
-        heading_rad=still + heading_rad,
-        speed_mps=still,
-        phase=still,
-        swing_mps2=still,
-    )
+    stands = [
+        simulate_stand(
+            building,
+            FLOOR,
+            (float(xy[0]), float(xy[1])),
+            stand_rng,
+            name=f"point-{point:02d}-{turn}",
+            # A moment more than is needed, so that the last measurement ends in time.
+            seconds=SCANS * FIX_S + 0.1,
+            heading_rad=2.0 * np.pi * turn / DIRECTIONS,
+            receiver=RECEIVER,
+            start_ns=START_NS + (point * DIRECTIONS + turn) * _BREAK_NS,
+        )
+        for point, (xy, point_rng) in enumerate(zip(points, rng.spawn(len(points)), strict=True))
+        for turn, stand_rng in enumerate(point_rng.spawn(DIRECTIONS))
+    ]
+    surveyed = survey(stands, building.floors, spacing_m=SPACING_M / 2.0, reach_m=0.0).site.radio_map
+    return replace(surveyed, sample_chain=frozen(np.full(len(surveyed.sample_chain), chain), np.int64))
 
 
 def _walk(
