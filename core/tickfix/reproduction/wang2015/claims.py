@@ -33,9 +33,15 @@ from tickfix.reproduction.wang2015.tables import (
     residuals_m,
     rmse_m,
 )
+from tickfix.reproduction.wang2015.walks import FIX_S
 
 _BARELY_M: Final = 1.0
 """Of an error of 10 m put in, less than a tenth may arrive where the effects are said to be mitigated."""
+
+_WALK_THE_ERROR: Final = (
+    "All particles walk the 10 m themselves, and σ = 1 m about the EKF's place only picks those that went least far; "
+    "the map stops none that goes along a corridor. Where particles walk by the EKF's velocity instead, see below"
+)
 
 
 def claims(walks: Sequence[Walked]) -> tuple[Claim, ...]:
@@ -89,67 +95,96 @@ def _particles(walks: Sequence[Walked]) -> list[Claim]:
             paper=f"MSE {TABLE_1_M2[100]:.2f} → {TABLE_1_M2[300]:.2f} m²",
             ours=f"{mean(fewest).text()} → {mean(enough).text()} m²",
             above=0.0,
+            why="Our particles have two dimensions and observe the EKF's place every 2 s: what is left is the error of "
+            "that place and of the odometer, which no number of particles lowers. Ours do no worse with 40",
         ),
     ]
 
 
 def _gross(walks: Sequence[Walked]) -> list[Claim]:
     found: list[Claim] = []
-    for where, suffix, printed in (("on Wi-Fi", ON_WIFI, TABLE_6_M), ("on P-O", ON_ODOMETRY, TABLE_8_M)):
+    for where, suffix, printed, why in (
+        ("on Wi-Fi", ON_WIFI, TABLE_6_M, ""),
+        ("on P-O", ON_ODOMETRY, TABLE_8_M, _WALK_THE_ERROR),
+    ):
         hurt, spared = _arrived(walks, WPO, suffix), _arrived(walks, MWPO, suffix)
-        theirs = {scheme: f"residuals of {np.mean(values):.2f} m" for scheme, values in printed.items()}
+        wpo_m, mwpo_m = (float(np.mean(printed[scheme])) for scheme in (WPO, MWPO))
         found += [
             judge(
                 f"gross errors {where} hurt WPO",
                 mean(hurt),
-                paper=theirs[WPO],
+                paper=f"residuals of {wpo_m:.2f} m",
                 ours=_words(walks, WPO, suffix),
                 above=0.0,
             ),
-            _unhurt(walks, f"gross errors {where} hardly reach MWPO", MWPO, suffix, theirs[MWPO]),
+            _barely(walks, f"gross errors {where} hardly reach MWPO", MWPO, suffix, f"{mwpo_m:.2f} m", why=why),
             judge(
                 f"gross errors {where} hurt MWPO less than WPO",
                 difference(hurt, spared),
-                paper=f"{np.mean(printed[WPO]):.2f} → {np.mean(printed[MWPO]):.2f} m",
+                paper=f"{wpo_m:.2f} → {mwpo_m:.2f} m",
                 ours=f"{mean(hurt).text()} m arrive in WPO, {mean(spared).text()} m in MWPO",
                 above=0.0,
+                why=why,
             ),
         ]
-    found += [
-        _unhurt(
+    by_ekf = "of MWPO whose particles walk by the EKF's velocity"
+    return [
+        *found,
+        _barely(
             walks,
-            "gross errors on P-O hardly reach MWPO when its particles walk by the EKF's velocity",
+            f"gross errors on P-O hardly reach the residuals {by_ekf}",
             BY_EKF,
             ON_ODOMETRY,
-            f"residuals of {np.mean(TABLE_8_M[MWPO]):.2f} m",
+            f"{np.mean(TABLE_8_M[MWPO]):.2f} m",
         ),
-        _unhurt(
+        _barely(
             walks,
-            "δS = 3 m keeps gross errors on Wi-Fi out of WPO, if what fails the test is dropped",
+            f"… nor those {by_ekf} at the epochs after",
+            BY_EKF,
+            ON_ODOMETRY,
+            "no figure; the effects are mitigated (Figure 20)",
+            after_s=FIX_S,
+            why="The error has made the EKF's velocity wrong, and for 2 s the particles walk by it: it arrives an "
+            "epoch later than Table 8 looks",
+        ),
+        _barely(
+            walks,
+            "gross errors on Wi-Fi hardly reach WPO if a fix that fails the test of δS = 3 m is dropped",
             WPO + DROPPED,
             ON_WIFI,
             "almost all are eliminated (section 4.4)",
         ),
+        _barely(
+            walks,
+            "gross errors on Wi-Fi hardly reach WPO if such a fix counts with λ = 1, as eq. (22) is printed",
+            WPO,
+            ON_WIFI,
+            "almost all are eliminated (section 4.4)",
+            why="λ = 1 is what the filter has without fading: the fix is weighed as any other. Table 6 shows the same",
+        ),
     ]
-    return found
 
 
-def _unhurt(walks: Sequence[Walked], claim: str, scheme: str, suffix: str, paper: str) -> Claim:
+def _barely(
+    walks: Sequence[Walked], claim: str, scheme: str, suffix: str, paper: str, *, after_s: float = 0.0, why: str = ""
+) -> Claim:
+    """Judge whether less than a tenth of the errors put in arrives."""
     return judge(
         claim,
-        mean(_arrived(walks, scheme, suffix)),
+        mean(_arrived(walks, scheme, suffix, after_s)),
         paper=paper,
-        ours=_words(walks, scheme, suffix),
+        ours=_words(walks, scheme, suffix, after_s),
         below=_BARELY_M,
+        why=why,
     )
 
 
-def _arrived(walks: Sequence[Walked], scheme: str, suffix: str) -> Floats:
-    """Return by how much the gross errors raise the residuals of their epochs, (seeds,) metres."""
-    added: Floats = (residuals_m(walks, scheme + suffix) - residuals_m(walks, scheme)).mean(axis=1)
-    return added
+def _arrived(walks: Sequence[Walked], scheme: str, suffix: str, after_s: float = 0.0) -> Floats:
+    """Return by how much the gross errors raise the residuals ``after_s`` after their epochs, (seeds,) metres."""
+    added = residuals_m(walks, scheme + suffix, after_s) - residuals_m(walks, scheme, after_s)
+    return np.asarray(added.mean(axis=1), np.float64)
 
 
-def _words(walks: Sequence[Walked], scheme: str, suffix: str) -> str:
-    with_errors, without = (residuals_m(walks, scheme + s).mean(axis=1) for s in (suffix, ""))
+def _words(walks: Sequence[Walked], scheme: str, suffix: str, after_s: float = 0.0) -> str:
+    with_errors, without = (residuals_m(walks, scheme + s, after_s).mean(axis=1) for s in (suffix, ""))
     return f"residuals of {mean(with_errors).text()} m, {mean(without).text()} m without them"

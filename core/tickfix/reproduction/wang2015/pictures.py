@@ -27,10 +27,10 @@ def draw(walks: Sequence[Walked], folder: Path) -> tuple[Path, ...]:
         name: folder / f"wang2015-{name}.png" for name in ("particles", "schemes", "time", "wifi", "odometry", "cdf")
     }
     _draw_particles(walks, paths["particles"])
-    _draw_tracks(first, [(scheme, scheme) for scheme in SCHEMES], paths["schemes"])
+    _draw_tracks(first, SCHEMES, paths["schemes"])
     _draw_time(first, paths["time"])
     for name, suffix, schemes in (("wifi", ON_WIFI, (WPO, MWPO)), ("odometry", ON_ODOMETRY, (WPO, MWPO, BY_EKF))):
-        _draw_tracks(first, [(scheme + suffix, scheme + suffix) for scheme in schemes], paths[name], gross=True)
+        _draw_tracks(first, [scheme + suffix for scheme in schemes], paths[name], gross=True)
     errors = {scheme: np.concatenate([walk.error_m(scheme) for walk in walks]) for scheme in SCHEMES}
     draw_cdf(errors, paths["cdf"], title=f"[wang2015] errors at the epochs of {len(walks)} walks")
     return tuple(paths.values())
@@ -55,12 +55,12 @@ def _draw_particles(walks: Sequence[Walked], path: Path) -> None:
         legend(figure, entries, beside=False)
 
 
-def _draw_tracks(walk: Walked, tracks: Sequence[tuple[str, str]], path: Path, *, gross: bool = False) -> None:
-    """Draw a plan for each track; ``gross`` marks the epochs of gross errors."""
+def _draw_tracks(walk: Walked, schemes: Sequence[str], path: Path, *, gross: bool = False) -> None:
+    """Draw a plan for each scheme, the truth dashed; ``gross`` rings the epochs of gross errors and crosses the truth."""
     floor = floor_plan()
-    with canvas(path, (7.2, 2.6 * len(tracks))) as figure:
-        for axes, (title, scheme) in zip(figure.subplots(len(tracks), 1, squeeze=False).ravel(), tracks, strict=True):
-            _plan(axes, floor, title)
+    with canvas(path, (7.2, 2.6 * len(schemes))) as figure:
+        for axes, scheme in zip(figure.subplots(len(schemes), 1, squeeze=False).ravel(), schemes, strict=True):
+            _plan(axes, floor, scheme)
             axes.plot(*walk.truth.T, color=INK, linewidth=0.8, dashes=(5, 3), zorder=5)
             axes.plot(*walk.xy[scheme].T, color=lines(1)[0].color, marker=".", markersize=4.0, linewidth=0.8, zorder=6)
             if gross:
