@@ -33,10 +33,10 @@ from tickfix.api import (
     Rng,
     displacement,
     frozen,
-    heading_of,
     parameter,
 )
-from tickfix_filters.fading import Fading, FadingParams, begin, carry, correct, extrapolated, velocity
+from tickfix_filters.fading import Fading, begin, carry, correct, course, extrapolated, velocity
+from tickfix_filters.fading_params import FadingParams
 from tickfix_filters.floors import OnFloor
 from tickfix_filters.resampling import normalised, systematic
 
@@ -143,36 +143,26 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
         ekf, outcome = correct(state.ekf, fix.xy, fix.covariance, self.params)
-        report = Report(
-            used=int(outcome.used),
-            gated=int(not outcome.used),
-            innovation_m=float(np.hypot(*outcome.residual)),
-            gate=outcome.nis if outcome.used else None,
-            reasons=("go and back",) if outcome.go_and_back else (),
-        )
         place, _ = extrapolated(ekf, self.params)
         drawn = self._drawn(replace(state, on=on, ekf=ekf), place, rng)
         off = place - normalised(drawn.log_weights) @ drawn.xy
         away = state.away + 1 if float(np.hypot(*off)) > self.params.locked_out_m else 0
         if away >= self.params.locked_out_fixes:
-            return self._anew(replace(drawn, locked_out=state.locked_out + 1), rng), report
-        return replace(drawn, away=away), report
+            return self._anew(replace(drawn, locked_out=state.locked_out + 1), rng), outcome.report
+        return replace(drawn, away=away), outcome.report
 
     def estimate(self, state: MapParticles) -> Belief:
         """Step 6: the weighted mean of the particles, eq. (23)."""
         w = normalised(state.log_weights)
         centre = w @ state.xy
         off = state.xy - centre
-        v = velocity(state.ekf)
-        heading = state.ekf.heading_rad
-        if heading is None and v.any():
-            heading = heading_of(v)
+        speed_mps, heading_rad = course(state.ekf)
         return Belief(
             floor=state.on.floor,
             xy=centre,
             covariance=(w[:, None] * off).T @ off,
-            speed_mps=float(np.hypot(*v)),
-            heading_rad=heading,
+            speed_mps=speed_mps,
+            heading_rad=heading_rad,
         )
 
     def _drawn(self, state: MapParticles, place: Floats, rng: Rng) -> MapParticles:

@@ -56,7 +56,7 @@ def _draw_particles(walks: Sequence[Walked], path: Path) -> None:
 
 
 def _draw_tracks(walk: Walked, schemes: Sequence[str], path: Path, *, gross: bool = False) -> None:
-    """Draw a plan for each scheme, the truth dashed; ``gross`` rings the epochs of gross errors and crosses the truth."""
+    """Draw a plan for each scheme, the truth dashed; ``gross`` rings the epochs of gross errors."""
     floor = floor_plan()
     with canvas(path, (7.2, 2.6 * len(schemes))) as figure:
         for axes, scheme in zip(figure.subplots(len(schemes), 1, squeeze=False).ravel(), schemes, strict=True):
