@@ -1,10 +1,11 @@
 """Filter ``map-pf``: MWPO, the floor-map-aided particle filter of [wang2015] section 5.
 
 It runs the fading-factor filter (:mod:`tickfix_filters.fading`) and observes its result. Particles walk with every
-tick; one that leaves the effective region of the map, or passes a wall on the way, has weight 0, eq. (24). At each fix
-the others are weighed by a Gaussian of their distance to the EKF's place, and drawn by auxiliary SIR,
-[arulampalam2002] algorithm 5: in proportion to how well they explain it *before* they are scattered, and weighed by
-what that got wrong.
+tick, by what was measured; or, where ``walk`` is ``"ekf"``, by the EKF's velocity, since section 5.3 names only the
+EKF's places and the map as what goes in, and section 5.1 leaves the transition open. One that leaves the effective
+region of the map, or passes a wall on the way, has weight 0, eq. (24). At each fix the others are weighed by a Gaussian
+of their distance to the EKF's place, and drawn by auxiliary SIR, [arulampalam2002] algorithm 5: in proportion to how
+well they explain it *before* they are scattered, and weighed by what that got wrong.
 
 A map can also kill a filter: when every particle has died, or when the particles stay far from the EKF for several
 fixes in a row (one gross error is no reason), they begin anew around its place, where one can stand. How much a
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -35,12 +36,11 @@ from tickfix.api import (
     frozen,
     parameter,
 )
+from tickfix_filters.effective_region import outside, scattered
 from tickfix_filters.fading import Fading, begin, carry, correct, course, extrapolated, velocity
 from tickfix_filters.fading_params import FadingParams
 from tickfix_filters.floors import OnFloor
 from tickfix_filters.resampling import normalised, systematic
-
-_TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,10 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         ),
         "wang2015-50": Preset(
             source="[wang2015] figure 17 and table 2", values={"particles": 50, "sigma_m": 1.0, "delta_s_m": 3.0}
+        ),
+        "wang2015-ekf": Preset(
+            source="[wang2015] section 5.3: nothing but the EKF's result and the map goes in",
+            values={"particles": 100, "sigma_m": 1.0, "delta_s_m": 3.0, "walk": "ekf"},
         ),
     }
 
@@ -181,14 +185,6 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         log_p: Floats = -((xy - place) ** 2).sum(axis=1) / (2.0 * self.params.sigma_m**2)
         return log_p
 
-    def _outside(self, floor: str, before: Floats, xy: Floats) -> Bools:
-        """Tell which particles (N,) have left the effective region of the map."""
-        floor_map = self.context.maps.get(floor)
-        if floor_map is None:
-            return np.zeros(len(xy), dtype=np.bool_)
-        outside = ~floor_map.contains(xy)
-        return outside | floor_map.crosses(before, xy) if self.params.walls else outside
-
     def _anew(self, state: MapParticles, rng: Rng) -> MapParticles:
         """Return the particles scattered around where the EKF is now."""
         xy = self._around(state.ekf, state.on.floor, rng)
@@ -197,11 +193,9 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
     def _around(self, ekf: Fading, floor: str, rng: Rng) -> Floats:
         """Draw N places around the EKF's, those preferred where one can stand."""
         place, covariance = extrapolated(ekf, self.params)
-        n = self.params.particles
-        sigma = math.sqrt(0.5 * float(np.trace(covariance)))
-        floor_map = self.context.maps.get(floor)
-        xy = place + sigma * rng.standard_normal((n if floor_map is None else _TRIES * n, 2))
-        if floor_map is None:
-            return frozen(xy)
-        free = xy[floor_map.contains(xy)]
-        return frozen(free[np.arange(n) % len(free)] if len(free) else floor_map.nearest_free(xy[:n]))
+        sigma_m = math.sqrt(0.5 * float(np.trace(covariance)))
+        return scattered(self.context.maps.get(floor), place, sigma_m, self.params.particles, rng)
+
+    def _outside(self, floor: str, before: Floats, xy: Floats) -> Bools:
+        """Tell which particles (N,) have left the effective region of the map."""
+        return outside(self.context.maps.get(floor), before, xy, walls=self.params.walls)

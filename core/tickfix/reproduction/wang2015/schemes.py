@@ -49,7 +49,7 @@ def aided() -> str:
         _pipeline(WPO + DROPPED, '{ use = "fading-ekf", preset = "wang2015-reject" }'),
         _pipeline(MWPO, '{ use = "map-pf", preset = "wang2015" }') + _MAP,
         _pipeline(MWPO + DROPPED, '{ use = "map-pf", preset = "wang2015", reject_go_and_back = true }') + _MAP,
-        _pipeline(BY_EKF, '{ use = "map-pf", preset = "wang2015", walk = "ekf" }') + _MAP,
+        _pipeline(BY_EKF, '{ use = "map-pf", preset = "wang2015-ekf" }') + _MAP,
         _pipeline(NO_MAP, '{ use = "map-pf", preset = "wang2015" }'),
     ]
     for particles in PARTICLES:
