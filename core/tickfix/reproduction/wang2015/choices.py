@@ -1,4 +1,8 @@
-"""What of the twin is printed in [wang2015], and what had to be chosen. Fixed before any result was seen."""
+"""What of the twin is printed in [wang2015], and what had to be chosen. Fixed before any result was seen.
+
+One thing was mended afterwards: the noise of fixes was learnt together with the instant they describe, which made some
+seeds' fixes wait for the tick after their epoch; now one σ is calibrated, and fixes belong to their epochs.
+"""
 
 from __future__ import annotations
 
@@ -57,8 +61,8 @@ _ROWS: Final = (
     ),
     (
         "calibration",
-        "K, the drawing's north and the noise of Wi-Fi positions from three walks of the same person before the test",
-        "K: printed, section 3.1; walks and noise chosen",
+        "K, the drawing's north and σ of Wi-Fi positions from three walks of the same person before the test",
+        "K: printed, section 3.1; walks and σ chosen",
     ),
     (
         "start",

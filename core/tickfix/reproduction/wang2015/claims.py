@@ -18,6 +18,7 @@ from tickfix.reproduction.wang2015.schemes import (
     GCK,
     MAPPED_PARTICLES,
     MWPO,
+    PARTICLES,
     PDR,
     UNMAPPED_PARTICLES,
     WPO,
@@ -80,7 +81,9 @@ def _orders(walks: Sequence[Walked]) -> list[Claim]:
 def _particles(walks: Sequence[Walked]) -> list[Claim]:
     few = np.mean([mse_m2(walks, sized(n, mapped=True)) for n in MAPPED_PARTICLES], axis=0)
     many = np.mean([mse_m2(walks, sized(n, mapped=False)) for n in UNMAPPED_PARTICLES], axis=0)
-    fewest, enough = (mse_m2(walks, sized(n, mapped=False)) for n in (UNMAPPED_PARTICLES[0], 300))
+    least, fewest, enough, most = (
+        mse_m2(walks, sized(n, mapped=False)) for n in (PARTICLES[0], 100, 300, PARTICLES[-1])
+    )
     return [
         judge(
             "40 to 80 particles with the map do better than 100 to 500 without",
@@ -96,7 +99,8 @@ def _particles(walks: Sequence[Walked]) -> list[Claim]:
             ours=f"{mean(fewest).text()} → {mean(enough).text()} m²",
             above=0.0,
             why="Our particles have two dimensions and observe the EKF's place every 2 s: what is left is the error of "
-            "that place and of the odometer, which no number of particles lowers. Ours do no worse with 40",
+            "that place and of the odometer, which no number of particles lowers. From "
+            f"{PARTICLES[0]} to {PARTICLES[-1]} particles the MSE falls by {difference(least, most).text()} m²",
         ),
     ]
 

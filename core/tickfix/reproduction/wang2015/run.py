@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tickfix.api import TICK_NS, Estimate, Floats, SiteError
-from tickfix.config import Config, parse
+from tickfix.config import parse
 from tickfix.drivers.replay import known_start, replay
 from tickfix.drivers.surveying import train, trainable
 from tickfix.evaluation.run import prepare
 from tickfix.plugins import Registry
 from tickfix.reproduction.wang2015.gross import on_odometry, on_wifi
-from tickfix.reproduction.wang2015.schemes import DISTURBED, aided, dead_reckoning
+from tickfix.reproduction.wang2015.schemes import DISTURBED, aided, dead_reckoning, wifi_alone
 from tickfix.reproduction.wang2015.walks import FIX_S, Twin, draw_twin
 from tickfix.site.site import Site
 
@@ -58,8 +58,13 @@ def run_seed(registry: Registry, seed: int) -> Walked:
         TickfixError: when one cannot be built.
     """
     twin = draw_twin(seed)
-    schemes, alone = (parse(text, "wang2015", registry) for text in (aided(), dead_reckoning()))
-    site = _surveyed(twin, (schemes, alone), seed)
+    sigma_m = calibrated_sigma_m(twin, registry)
+    schemes, alone = (parse(text, "wang2015", registry) for text in (aided(sigma_m), dead_reckoning()))
+    choices = [choice for choice in trainable((*schemes.pipelines, *alone.pipelines)) if choice.offer.kind == "pdr"]
+    models, problems = train(choices, twin.survey, seed)
+    if problems:
+        raise SiteError(f"wang2015: {'; '.join(problems)}")
+    site = replace(_site(twin), models=models)
     begin_ns = int(twin.walk.t_ns[0])
     bench = prepare(site, schemes)
     by_name = {pipeline.name: pipeline for pipeline in bench.pipelines}
@@ -80,12 +85,19 @@ def run_seed(registry: Registry, seed: int) -> Walked:
     )
 
 
-def _surveyed(twin: Twin, configs: Sequence[Config], seed: int) -> Site:
-    choices = trainable([pipeline for config in configs for pipeline in config.pipelines])
-    models, problems = train(choices, twin.survey, seed)
-    if problems:
-        raise SiteError(f"wang2015: {'; '.join(problems)}")
-    return Site(name="wang2015", floors=twin.survey.floors, radio_map=twin.survey.radio_map, models=models)
+def calibrated_sigma_m(twin: Twin, registry: Registry) -> float:
+    """Return σ per axis of the Wi-Fi positions of the calibration walks, metres."""
+    pipelines = prepare(_site(twin), parse(wifi_alone(), "wang2015", registry)).pipelines
+    squares = []
+    for walk in twin.calibration:
+        for fixes in replay(walk.recording, pipelines).fixes.values():
+            t_s = np.array([fix.t_ns - int(walk.t_ns[0]) for fix in fixes]) * 1e-9
+            squares.append((np.array([fix.xy for fix in fixes]) - walk.trajectory.xy_at(t_s)) ** 2)
+    return float(np.sqrt(np.concatenate(squares).mean()))
+
+
+def _site(twin: Twin) -> Site:
+    return Site(name="wang2015", floors=twin.building.floors, radio_map=twin.radio_map)
 
 
 def _at(estimates: Sequence[Estimate], ticks: Sequence[int]) -> Floats:

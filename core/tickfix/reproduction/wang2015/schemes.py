@@ -24,10 +24,7 @@ PARTICLES: Final = (*MAPPED_PARTICLES, *UNMAPPED_PARTICLES)
 DISTURBED: Final = (WPO, MWPO, WPO + DROPPED, MWPO + DROPPED, BY_EKF, NO_MAP)
 """The schemes that gross errors are put into."""
 
-_INPUT: Final = """
-pdr = { use = "pseudo-odometry", preset = "wang2015" }
-fingerprint = { use = "topology-knn", preset = "wang2015" }
-"""
+_ODOMETRY: Final = 'pdr = { use = "pseudo-odometry", preset = "wang2015" }\n'
 _MAP: Final = 'map = "regions"\n'
 
 
@@ -38,26 +35,37 @@ def sized(particles: int, *, mapped: bool) -> str:
 
 def dead_reckoning() -> str:
     """Return the configuration of scheme 2, which starts at a known place."""
-    return f'[pipelines."{PDR}"]\npdr = {{ use = "pseudo-odometry", preset = "wang2015" }}\nfilter = "dead-reckoning"\n'
+    return f'[pipelines."{PDR}"]\n{_ODOMETRY}filter = "dead-reckoning"\n'
 
 
-def aided() -> str:
-    """Return the configuration of all schemes that start at their first fix."""
+def wifi_alone(sigma_m: float | None = None) -> str:
+    """Return the configuration of scheme 1; ``sigma_m`` is the noise of its fixes per axis, where that is known."""
+    return f'[pipelines."{GCK}"]\n{_fingerprint(sigma_m)}filter = "fixes"\n'
+
+
+def aided(sigma_m: float) -> str:
+    """Return the configuration of all schemes that start at their first fix, whose noise per axis is ``sigma_m``."""
+    given = _ODOMETRY + _fingerprint(sigma_m)
+
+    def pipeline(name: str, use: str) -> str:
+        return f'[pipelines."{name}"]\n{given}filter = {use}\n'
+
     parts = [
-        f'[pipelines."{GCK}"]\nfingerprint = {{ use = "topology-knn", preset = "wang2015" }}\nfilter = "fixes"\n',
-        _pipeline(WPO, '{ use = "fading-ekf", preset = "wang2015" }'),
-        _pipeline(WPO + DROPPED, '{ use = "fading-ekf", preset = "wang2015-reject" }'),
-        _pipeline(MWPO, '{ use = "map-pf", preset = "wang2015" }') + _MAP,
-        _pipeline(MWPO + DROPPED, '{ use = "map-pf", preset = "wang2015", reject_go_and_back = true }') + _MAP,
-        _pipeline(BY_EKF, '{ use = "map-pf", preset = "wang2015-ekf" }') + _MAP,
-        _pipeline(NO_MAP, '{ use = "map-pf", preset = "wang2015" }'),
+        wifi_alone(sigma_m),
+        pipeline(WPO, '{ use = "fading-ekf", preset = "wang2015" }'),
+        pipeline(WPO + DROPPED, '{ use = "fading-ekf", preset = "wang2015-reject" }'),
+        pipeline(MWPO, '{ use = "map-pf", preset = "wang2015" }') + _MAP,
+        pipeline(MWPO + DROPPED, '{ use = "map-pf", preset = "wang2015", reject_go_and_back = true }') + _MAP,
+        pipeline(BY_EKF, '{ use = "map-pf", preset = "wang2015-ekf" }') + _MAP,
+        pipeline(NO_MAP, '{ use = "map-pf", preset = "wang2015" }'),
     ]
     for particles in PARTICLES:
         use = f'{{ use = "map-pf", preset = "wang2015", particles = {particles} }}'
-        parts.append(_pipeline(sized(particles, mapped=False), use))
-        parts.append(_pipeline(sized(particles, mapped=True), use) + _MAP)
+        parts.append(pipeline(sized(particles, mapped=False), use))
+        parts.append(pipeline(sized(particles, mapped=True), use) + _MAP)
     return "\n".join(parts)
 
 
-def _pipeline(name: str, use: str) -> str:
-    return f'[pipelines."{name}"]{_INPUT}filter = {use}\n'
+def _fingerprint(sigma_m: float | None) -> str:
+    noise = "" if sigma_m is None else f", sigma_m = {sigma_m!r}"
+    return f'fingerprint = {{ use = "topology-knn", preset = "wang2015"{noise} }}\n'

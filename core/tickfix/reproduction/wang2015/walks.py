@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from tickfix.api import Floats, RadioMap, Rng, Survey, frozen
+from tickfix.api import Floats, RadioMap, Rng, Survey
 from tickfix.reproduction.wang2015.site import CALIBRATION, FLOOR, ROUTE, SPACING_M, draw_building, reference_points
 from tickfix.simulation import (
     START_NS,
@@ -50,13 +50,21 @@ class Twin:
 
     Attributes:
         building: the site.
-        survey: what algorithms learn from: the radio map of a survey that stood still, and three calibration walks.
+        radio_map: of a survey that stood still.
+        calibration: three walks before the test.
         walk: the test.
     """
 
     building: Building
-    survey: Survey
+    radio_map: RadioMap
+    calibration: tuple[SimulatedWalk, ...]
     walk: SimulatedWalk
+
+    @property
+    def survey(self) -> Survey:
+        """What dead reckoning learns from."""
+        walks = tuple(survey_walk(walk.recording, walk.recording.name) for walk in self.calibration)
+        return Survey(floors=self.building.floors, radio_map=self.radio_map, walks=walks)
 
 
 def draw_twin(seed: int) -> Twin:
@@ -76,25 +84,17 @@ def draw_twin(seed: int) -> Twin:
             )
         )
     ]
-    # Fingerprints number the chains of walks by name and learn how far off they are on each without its own samples.
-    # The standing survey is a chain of its own, after those of the walks.
-    radio_map = stand_at_points(building, reference_points(), survey_rng, chain=len(calibration))
-    lessons = Survey(
-        floors=building.floors,
-        radio_map=radio_map,
-        walks=tuple(survey_walk(walk.recording, walk.recording.name) for walk in calibration),
-    )
-    return Twin(building=building, survey=lessons, walk=test)
+    radio_map = stand_at_points(building, reference_points(), survey_rng)
+    return Twin(building=building, radio_map=radio_map, calibration=tuple(calibration), walk=test)
 
 
-def stand_at_points(building: Building, points: Floats, rng: Rng, *, chain: int) -> RadioMap:
+def stand_at_points(building: Building, points: Floats, rng: Rng) -> RadioMap:
     """Return the radio map of a surveyor who stands at each of ``points`` (P, 2), facing one direction after another.
 
     Args:
         building: where.
         points: (P, 2) metres.
         rng: draws fading and what is missed.
-        chain: number of the survey among the chains of walks.
     """
     stands = [
         simulate_stand(
@@ -112,8 +112,7 @@ def stand_at_points(building: Building, points: Floats, rng: Rng, *, chain: int)
         for point, (xy, point_rng) in enumerate(zip(points, rng.spawn(len(points)), strict=True))
         for turn, stand_rng in enumerate(point_rng.spawn(DIRECTIONS))
     ]
-    surveyed = survey(stands, building.floors, spacing_m=SPACING_M / 2.0, reach_m=0.0).site.radio_map
-    return replace(surveyed, sample_chain=frozen(np.full(len(surveyed.sample_chain), chain), np.int64))
+    return survey(stands, building.floors, spacing_m=SPACING_M / 2.0, reach_m=0.0).site.radio_map
 
 
 def _walk(
