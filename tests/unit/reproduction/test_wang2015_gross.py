@@ -15,7 +15,7 @@ from tickfix.reproduction.wang2015.gross import (
     DisturbedOdometry,
 )
 from tickfix.reproduction.wang2015.run import Walked, run_seed
-from tickfix.reproduction.wang2015.schemes import DISTURBED
+from tickfix.reproduction.wang2015.schemes import DISTURBED, DROPPED
 from tickfix.testing import world
 from tickfix_fingerprint.topology_knn import TopologyKnn, TopologyKnnParams
 from tickfix_pdr.pseudo_odometry import PseudoOdometry, PseudoOdometryParams
@@ -56,7 +56,7 @@ def test_schemes_part_from_their_undisturbed_selves_at_the_first_gross_error(wal
     for scheme in DISTURBED:
         clean, disturbed = walked.xy[scheme], walked.xy[scheme + suffix]
         np.testing.assert_array_equal(clean[before], disturbed[before])
-        if scheme.endswith("dropped") and suffix == ON_WIFI:
+        if scheme.endswith(DROPPED) and suffix == ON_WIFI:
             continue  # the fix of that epoch is not input
         assert (clean[at] != disturbed[at]).any(), scheme
 

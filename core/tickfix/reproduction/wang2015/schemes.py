@@ -9,10 +9,10 @@ PDR: Final = "PDR"
 WPO: Final = "WPO"
 MWPO: Final = "MWPO"
 SCHEMES: Final = (GCK, PDR, WPO, MWPO)
-NO_MAP: Final = "MWPO without map"
-BY_EKF: Final = "MWPO walking by the EKF"
+NO_MAP: Final = "MWPO, no map"
+BY_EKF: Final = "MWPO, EKF's walk"
 """The other reading of section 5: particles walk by the EKF's velocity, so that P-O reaches them only through it."""
-DROPPED: Final = ", failing fixes dropped"
+DROPPED: Final = ", dropping"
 """The other reading of eq. (22): what fails the δS test is not input at all."""
 
 UNMAPPED_PARTICLES: Final = (100, 200, 300, 400, 500)
