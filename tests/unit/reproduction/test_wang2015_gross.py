@@ -7,6 +7,7 @@ import pytest
 
 from tickfix.api import TICK_NS, Context, MotionSamples
 from tickfix.plugins import discover
+from tickfix.reproduction.wang2015 import schemes
 from tickfix.reproduction.wang2015.gross import (
     EPOCHS_S,
     ON_ODOMETRY,
@@ -23,7 +24,9 @@ from tickfix_pdr.pseudo_odometry import PseudoOdometry, PseudoOdometryParams
 
 @pytest.fixture(scope="module")
 def walked() -> Walked:
-    return run_seed(discover(), 77)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(schemes, "PARTICLES", ())  # filters of other sizes would only take time
+        return run_seed(discover(), 77)
 
 
 def test_only_the_fix_of_the_epoch_is_moved() -> None:
