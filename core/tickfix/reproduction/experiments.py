@@ -12,6 +12,7 @@ from tickfix.reproduction.report import Experiment
 PAPERS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "sun2013": "tickfix.reproduction.sun2013.experiment",
+        "wang2015": "tickfix.reproduction.wang2015.experiment",
     }
 )
 """The module of each paper that offers ``reproduce``, in the order in which ``all`` runs them."""

@@ -5,10 +5,8 @@ the heading that dead reckoning tells are kept. An observation is Z = [N_wifi, E
 way since the last fix (pseudo-odometry) and the heading. Rows that were not measured, or say nothing, are left out: way
 and heading where there is no compass, the heading below a crawl, where the direction of v means nothing.
 
-λ (eqs. 19–21) compares the residuals seen with those expected. Σ_V̄, whose recursion is not printed, is that of the
-strong tracking filter, Σ_V̄ ← (ρ·Σ_V̄ + v·vᵀ)/(1 + ρ), [zhou1996] Zhou and Frank, "Strong tracking filtering of
-nonlinear time-varying stochastic systems with coloured noise", Int. J. Control 65 (1996). M (5 × 5 of a 4-state
-covariance) has no inverse: λ is tr N / tr M over the two rows of the place, or tr(N·M⁺)/n with n = rank M over all.
+The equations of motion and observation are in :mod:`tickfix_filters.fading_model`, λ of eqs. (19)–(21) in
+:mod:`tickfix_filters.fading_factor`; here they are put together.
 
 The test |S_WIFI − S_PDR| < δS of eq. (22) compares the ways between two fixes. Of one that fails the equation says that
 λ is 1, the text that only one that passes "will be input": both readings are offered. As S is an increment, the fix
@@ -18,41 +16,16 @@ fixes of σ > δS would otherwise leave dead reckoning alone for good.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
 
 import numpy as np
 
-from tickfix.api import Floats, Ints, Motion, displacement, frozen, parameter, wrap_rad
+from tickfix.api import Floats, Ints, Motion, Report, displacement, frozen, heading_of, wrap_rad
+from tickfix_filters.fading_factor import fading_factor, residuals_covariance
+from tickfix_filters.fading_model import observation, predicted
+from tickfix_filters.fading_params import FadingParams
 
 _N_E = [1, 0]  # the floor's frame has x = E before y = N
-
-
-@dataclass(frozen=True)
-class FadingParams:
-    """Parameters of the fading-factor filter."""
-
-    delta_s_m: Annotated[float, parameter("δS", unit="m", source="[wang2015] eq. (22), section 4.4", gt=0)] = 3.0
-    reject_go_and_back: Annotated[
-        bool, parameter("drop a fix that fails the δS test; otherwise it counts, with λ = 1", source="[wang2015] 4.3")
-    ] = False
-    patience: Annotated[int, parameter("after so many fixes dropped in a row the next one counts", ge=1)] = 5
-    fading: Annotated[
-        Literal["trace", "pinv", "off"],
-        parameter("λ: tr N / tr M of the place, tr(N·M⁺)/rank M, or 1", source="[wang2015] eq. (19)"),
-    ] = "trace"
-    memory: Annotated[float, parameter("ρ of the residuals' covariance", source="[zhou1996]", ge=0, le=1)] = 0.95
-    acceleration_mps2: Annotated[
-        float, parameter("σ of W, north and east", unit="m/s²", source="[wang2015] eq. (9)", gt=0)
-    ] = 0.5
-    odometry_sigma_m: Annotated[
-        float, parameter("σ of s_e and of s_n over 2 s; their variance grows with time", unit="m", gt=0)
-    ] = 0.5
-    heading_sigma_rad: Annotated[float, parameter("σ of the heading", unit="rad", gt=0)] = 0.3
-    fix_sigma_m: Annotated[float, parameter("σ of N_wifi and of E_wifi; 0: as the fix says", unit="m", ge=0)] = 0.0
-    crawl_mps: Annotated[float, parameter("slower than this the heading is left out", unit="m/s", gt=0)] = 0.3
-    speed_sigma_mps: Annotated[float, parameter("σ of the first v_n and v_e", unit="m/s", ge=0)] = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +66,17 @@ class Outcome:
     residual: Floats
     nis: float
 
+    @property
+    def report(self) -> Report:
+        """What a filter tells of it."""
+        return Report(
+            used=int(self.used),
+            gated=int(not self.used),
+            innovation_m=float(np.hypot(*self.residual)),
+            gate=self.nis if self.used else None,
+            reasons=("go and back",) if self.go_and_back else (),
+        )
+
 
 def begin(xy: Floats, covariance: Floats, params: FadingParams) -> Fading:
     """Return the state at a fix (2,) with covariance (2, 2), floor frame."""
@@ -127,8 +111,8 @@ def extrapolated(state: Fading, params: FadingParams) -> tuple[Floats, Floats]:
         place = state.X[:2] + state.way
         P = state.P[:2, :2] + 0.5 * state.since_s * params.odometry_sigma_m**2 * np.eye(2)
     else:
-        X, predicted, Q = _predicted(state, params)
-        place, P = X[:2], (predicted + Q)[:2, :2]
+        X, PhiPPhi, Q = predicted(state.X, state.P, state.since_s, params)
+        place, P = X[:2], (PhiPPhi + Q)[:2, :2]
     return place[_N_E], P[_N_E][:, _N_E]
 
 
@@ -137,11 +121,19 @@ def velocity(state: Fading) -> Floats:
     return state.X[2:][_N_E]
 
 
+def course(state: Fading) -> tuple[float, float | None]:
+    """Return speed in m/s and heading: the compass's, without one that of the velocity, None while standing."""
+    v = velocity(state)
+    heading = heading_of(v) if state.heading_rad is None and v.any() else state.heading_rad
+    return float(np.hypot(*v)), heading
+
+
 def correct(state: Fading, xy: Floats, covariance: Floats, params: FadingParams) -> tuple[Fading, Outcome]:
     """Return the state corrected by a fix (2,) with covariance (2, 2), floor frame, and by the motion before it."""
     t, wifi = state.since_s, xy[_N_E]
-    X, PhiPPhi, Q = _predicted(state, params)
-    Z, h, H, R = _observation(state, X, wifi, _R_wifi(covariance, params), params)
+    X, PhiPPhi, Q = predicted(state.X, state.P, state.since_s, params)
+    noise = _R_wifi(covariance, params)
+    Z, h, H, R = observation(X, t, (wifi, noise), state.way, state.heading_rad, params)
     v = Z - h
     v[4] = wrap_rad(float(v[4]))
 
@@ -153,8 +145,8 @@ def correct(state: Fading, xy: Floats, covariance: Floats, params: FadingParams)
         rows += [2, 3]
         if float(X[2] ** 2 + X[3] ** 2) >= params.crawl_mps**2:
             rows += [4]
-    V, seen = _residuals(state, v, rows, params.memory)
-    fade = 1.0 if go_and_back or not use else _fade(V, H, PhiPPhi, Q, R, rows, params.fading)
+    V, seen = residuals_covariance(state.V, state.seen, v, rows, params.memory)
+    fade = 1.0 if go_and_back or not use else fading_factor(V, H, PhiPPhi, Q, R, rows, params.fading)
     P = fade * PhiPPhi + Q  # eqs. (17), (22)
 
     r = np.array(rows, dtype=np.int64)
@@ -182,59 +174,6 @@ def correct(state: Fading, xy: Floats, covariance: Floats, params: FadingParams)
         fade=fade,
     )
     return corrected, Outcome(use, go_and_back, (Z - h)[:2], nis)
-
-
-def _predicted(state: Fading, params: FadingParams) -> tuple[Floats, Floats, Floats]:
-    """Return X (4,), Φ P Φᵀ and Q (4, 4) at this instant."""
-    t = state.since_s
-    Phi = np.eye(4)
-    Phi[[0, 1], [2, 3]] = t  # eq. (10)
-    Gamma = np.array([[0.5 * t**2, 0.0], [0.0, 0.5 * t**2], [t, 0.0], [0.0, t]])  # eq. (11)
-    return Phi @ state.X, Phi @ state.P @ Phi.T, params.acceleration_mps2**2 * Gamma @ Gamma.T  # eqs. (16), (17)
-
-
-def _observation(
-    state: Fading, X: Floats, wifi: Floats, R_wifi: Floats, params: FadingParams
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return Z and h(X) (5,), H (5, 4) and R (5, 5), eqs. (12)–(13)."""
-    t, (_, _, v_n, v_e) = state.since_s, X
-    s_n, s_e = state.way
-    Z = np.array([*wifi, s_e, s_n, state.heading_rad or 0.0])
-    h = np.array([X[0], X[1], v_e * t, v_n * t, math.atan2(v_e, v_n)])
-    H = np.zeros((5, 4))
-    H[[0, 1], [0, 1]] = 1.0
-    H[[2, 3], [3, 2]] = t
-    H[4, 2:] = np.array([-v_e, v_n]) / max(v_n**2 + v_e**2, params.crawl_mps**2)
-    R = np.zeros((5, 5))
-    R[:2, :2] = R_wifi
-    R[[2, 3], [2, 3]] = 0.5 * t * params.odometry_sigma_m**2
-    R[4, 4] = params.heading_sigma_rad**2
-    return Z, h, H, R
-
-
-def _residuals(state: Fading, v: Floats, rows: list[int], rho: float) -> tuple[Floats, Ints]:
-    """Return Σ_V̄ (5, 5) with the residuals v of ``rows`` folded in, and which rows were ever seen."""
-    V, seen = state.V.copy(), state.seen.copy()
-    for i in rows:
-        for j in rows:
-            known = seen[i] and seen[j]
-            V[i, j] = (rho * V[i, j] + v[i] * v[j]) / (1.0 + rho) if known else v[i] * v[j]
-    seen[rows] = 1
-    return V, seen
-
-
-def _fade(V: Floats, H: Floats, PhiPPhi: Floats, Q: Floats, R: Floats, rows: list[int], how: str) -> float:
-    """Return λ, eqs. (19)–(21)."""
-    if how == "off":
-        return 1.0
-    r = np.array(rows if how == "pinv" else [0, 1], dtype=np.int64)
-    H = H[r]
-    M = H @ PhiPPhi @ H.T  # eq. (20)
-    N = V[np.ix_(r, r)] - H @ Q @ H.T - R[np.ix_(r, r)]  # eq. (21)
-    if how == "trace":
-        return max(1.0, float(np.trace(N) / np.trace(M))) if np.trace(M) > 0.0 else 1.0
-    n = int(np.linalg.matrix_rank(M, hermitian=True))
-    return max(1.0, float(np.trace(N @ np.linalg.pinv(M, hermitian=True))) / max(n, 1))
 
 
 def _R_wifi(covariance: Floats, params: FadingParams) -> Floats:  # noqa: N802 - the paper's symbol

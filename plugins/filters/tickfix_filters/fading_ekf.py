@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
-from tickfix.api import Belief, Fix, Motion, PredictUpdateFilter, Preset, Report, Rng, heading_of
-from tickfix_filters.fading import Fading, FadingParams, begin, carry, correct, extrapolated, velocity
+from tickfix.api import Belief, Fix, Motion, PredictUpdateFilter, Preset, Report, Rng
+from tickfix_filters.fading import Fading, begin, carry, correct, course, extrapolated
+from tickfix_filters.fading_params import FadingParams
 from tickfix_filters.floors import OnFloor
 
 
@@ -64,26 +63,10 @@ class FadingEkf(PredictUpdateFilter[FadingEkfParams, OnFloorFading]):
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
         ekf, outcome = correct(state.ekf, fix.xy, fix.covariance, self.params)
-        report = Report(
-            used=int(outcome.used),
-            gated=int(not outcome.used),
-            innovation_m=float(np.hypot(*outcome.residual)),
-            gate=outcome.nis if outcome.used else None,
-            reasons=("go and back",) if outcome.go_and_back else (),
-        )
-        return OnFloorFading(on, ekf), report
+        return OnFloorFading(on, ekf), outcome.report
 
     def estimate(self, state: OnFloorFading) -> Belief:
         """Say the place, dead reckoned since the last fix."""
         xy, covariance = extrapolated(state.ekf, self.params)
-        v = velocity(state.ekf)
-        heading = state.ekf.heading_rad
-        if heading is None and v.any():
-            heading = heading_of(v)
-        return Belief(
-            floor=state.on.floor,
-            xy=xy,
-            covariance=covariance,
-            speed_mps=float(np.hypot(*v)),
-            heading_rad=heading,
-        )
+        speed_mps, heading_rad = course(state.ekf)
+        return Belief(floor=state.on.floor, xy=xy, covariance=covariance, speed_mps=speed_mps, heading_rad=heading_rad)

@@ -1,10 +1,11 @@
 """Filter ``map-pf``: MWPO, the floor-map-aided particle filter of [wang2015] section 5.
 
 It runs the fading-factor filter (:mod:`tickfix_filters.fading`) and observes its result. Particles walk with every
-tick; one that leaves the effective region of the map, or passes a wall on the way, has weight 0, eq. (24). At each fix
-the others are weighed by a Gaussian of their distance to the EKF's place, and drawn by auxiliary SIR,
-[arulampalam2002] algorithm 5: in proportion to how well they explain it *before* they are scattered, and weighed by
-what that got wrong.
+tick, by what was measured; or, where ``walk`` is ``"ekf"``, by the EKF's velocity, since section 5.3 names only the
+EKF's places and the map as what goes in, and section 5.1 leaves the transition open. One that leaves the effective
+region of the map, or passes a wall on the way, has weight 0, eq. (24). At each fix the others are weighed by a Gaussian
+of their distance to the EKF's place, and drawn by auxiliary SIR, [arulampalam2002] algorithm 5: in proportion to how
+well they explain it *before* they are scattered, and weighed by what that got wrong.
 
 A map can also kill a filter: when every particle has died, or when the particles stay far from the EKF for several
 fixes in a row (one gross error is no reason), they begin anew around its place, where one can stand. How much a
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -33,14 +34,13 @@ from tickfix.api import (
     Rng,
     displacement,
     frozen,
-    heading_of,
     parameter,
 )
-from tickfix_filters.fading import Fading, FadingParams, begin, carry, correct, extrapolated, velocity
+from tickfix_filters.effective_region import outside, scattered
+from tickfix_filters.fading import Fading, begin, carry, correct, course, extrapolated, velocity
+from tickfix_filters.fading_params import FadingParams
 from tickfix_filters.floors import OnFloor
 from tickfix_filters.resampling import normalised, systematic
-
-_TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,10 @@ class MapPfParams(FadingParams):
         float, parameter("way per square root of a second that no step explains", unit="m/√s", gt=0)
     ] = 0.4
     scatter_m: Annotated[float, parameter("σ by which what was drawn is scattered", unit="m", gt=0)] = 0.3
+    walk: Annotated[
+        Literal["motion", "ekf"],
+        parameter("by what particles walk: measured motion, or the EKF's velocity", source="[wang2015] 5.1, step 2"),
+    ] = "motion"
     walls: Annotated[bool, parameter("a particle that passes a wall has left the effective region")] = True
     locked_out_m: Annotated[
         float, parameter("particles this far from the EKF's place are locked out", unit="m", gt=0)
@@ -96,6 +100,10 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         "wang2015-50": Preset(
             source="[wang2015] figure 17 and table 2", values={"particles": 50, "sigma_m": 1.0, "delta_s_m": 3.0}
         ),
+        "wang2015-ekf": Preset(
+            source="[wang2015] section 5.3: nothing but the EKF's result and the map goes in",
+            values={"particles": 100, "sigma_m": 1.0, "delta_s_m": 3.0, "walk": "ekf"},
+        ),
     }
 
     def begin(self, fix: Fix, rng: Rng) -> MapParticles:
@@ -120,8 +128,10 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         """Step 2: let every particle walk."""
         ekf = carry(state.ekf, motion)
         dt = (motion.t1_ns - motion.t0_ns) * 1e-9
-        blind = motion.heading_rad is None
-        move = dt * velocity(ekf) if blind else displacement(motion.distance_m, motion.heading_rad or 0.0)
+        if motion.heading_rad is None or self.params.walk == "ekf":
+            move = dt * velocity(ekf)
+        else:
+            move = displacement(motion.distance_m, motion.heading_rad)
         xy = state.xy + move + self.params.diffusion_m * math.sqrt(dt) * rng.standard_normal(state.xy.shape)
         dead = self._outside(state.on.floor, state.xy, xy)
         log_weights = np.where(dead, -np.inf, state.log_weights)  # eq. (24), first line
@@ -137,36 +147,26 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
         ekf, outcome = correct(state.ekf, fix.xy, fix.covariance, self.params)
-        report = Report(
-            used=int(outcome.used),
-            gated=int(not outcome.used),
-            innovation_m=float(np.hypot(*outcome.residual)),
-            gate=outcome.nis if outcome.used else None,
-            reasons=("go and back",) if outcome.go_and_back else (),
-        )
         place, _ = extrapolated(ekf, self.params)
         drawn = self._drawn(replace(state, on=on, ekf=ekf), place, rng)
         off = place - normalised(drawn.log_weights) @ drawn.xy
         away = state.away + 1 if float(np.hypot(*off)) > self.params.locked_out_m else 0
         if away >= self.params.locked_out_fixes:
-            return self._anew(replace(drawn, locked_out=state.locked_out + 1), rng), report
-        return replace(drawn, away=away), report
+            return self._anew(replace(drawn, locked_out=state.locked_out + 1), rng), outcome.report
+        return replace(drawn, away=away), outcome.report
 
     def estimate(self, state: MapParticles) -> Belief:
         """Step 6: the weighted mean of the particles, eq. (23)."""
         w = normalised(state.log_weights)
         centre = w @ state.xy
         off = state.xy - centre
-        v = velocity(state.ekf)
-        heading = state.ekf.heading_rad
-        if heading is None and v.any():
-            heading = heading_of(v)
+        speed_mps, heading_rad = course(state.ekf)
         return Belief(
             floor=state.on.floor,
             xy=centre,
             covariance=(w[:, None] * off).T @ off,
-            speed_mps=float(np.hypot(*v)),
-            heading_rad=heading,
+            speed_mps=speed_mps,
+            heading_rad=heading_rad,
         )
 
     def _drawn(self, state: MapParticles, place: Floats, rng: Rng) -> MapParticles:
@@ -185,14 +185,6 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         log_p: Floats = -((xy - place) ** 2).sum(axis=1) / (2.0 * self.params.sigma_m**2)
         return log_p
 
-    def _outside(self, floor: str, before: Floats, xy: Floats) -> Bools:
-        """Tell which particles (N,) have left the effective region of the map."""
-        floor_map = self.context.maps.get(floor)
-        if floor_map is None:
-            return np.zeros(len(xy), dtype=np.bool_)
-        outside = ~floor_map.contains(xy)
-        return outside | floor_map.crosses(before, xy) if self.params.walls else outside
-
     def _anew(self, state: MapParticles, rng: Rng) -> MapParticles:
         """Return the particles scattered around where the EKF is now."""
         xy = self._around(state.ekf, state.on.floor, rng)
@@ -201,11 +193,9 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
     def _around(self, ekf: Fading, floor: str, rng: Rng) -> Floats:
         """Draw N places around the EKF's, those preferred where one can stand."""
         place, covariance = extrapolated(ekf, self.params)
-        n = self.params.particles
-        sigma = math.sqrt(0.5 * float(np.trace(covariance)))
-        floor_map = self.context.maps.get(floor)
-        xy = place + sigma * rng.standard_normal((n if floor_map is None else _TRIES * n, 2))
-        if floor_map is None:
-            return frozen(xy)
-        free = xy[floor_map.contains(xy)]
-        return frozen(free[np.arange(n) % len(free)] if len(free) else floor_map.nearest_free(xy[:n]))
+        sigma_m = math.sqrt(0.5 * float(np.trace(covariance)))
+        return scattered(self.context.maps.get(floor), place, sigma_m, self.params.particles, rng)
+
+    def _outside(self, floor: str, before: Floats, xy: Floats) -> Bools:
+        """Tell which particles (N,) have left the effective region of the map."""
+        return outside(self.context.maps.get(floor), before, xy, walls=self.params.walls)

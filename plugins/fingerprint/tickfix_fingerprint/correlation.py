@@ -54,7 +54,7 @@ class Correlation(SurveyedFingerprint[P]):
     def __init__(self, params: P, context: Context, trained: Trained | None = None, use: Bools | None = None) -> None:
         """Cut the survey into blocks; ``use`` (S,) bool, only these samples."""
         super().__init__(params, context, trained, use)
-        self._index = {transmitter: i for i, transmitter in enumerate(self.radio_map.transmitters)}
+        self.index = {transmitter: i for i, transmitter in enumerate(self.radio_map.transmitters)}
         self.blocks = Blocks(
             self.radio_map,
             params.n,
@@ -82,7 +82,7 @@ class Correlation(SurveyedFingerprint[P]):
 
     def ranked(self, window: Readings) -> tuple[Ints, Floats] | None:
         """Return all points, the best first, with their coefficients; None without enough readings."""
-        cells, values, heard = online(window, self._index, self.params.n, self.params.missing_dbm)
+        cells, values, heard = online(window, self.index, self.params.n, self.params.missing_dbm)
         if heard < self.params.min_readings or len(self.blocks.xy) == 0:
             return None
         scores, starts = self.scores(cells, values), self.blocks.starts

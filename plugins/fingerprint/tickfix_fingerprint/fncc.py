@@ -37,9 +37,15 @@ class Fncc(Correlation[FnccParams]):
         "literal": Preset("[sun2013] eq. (6) as printed, without the sign", {**SUN2013.values, "literal": True}),
     }
 
-    def scores(self, cells: Ints, values: Floats) -> Floats:
-        """Return r_l² (B,) with the sign of r_l, of all blocks; zero where a variance has collapsed."""
+    def scores(self, cells: Ints, values: Floats, transmitters: int | None = None) -> Floats:
+        """Return r_l² (B,) with the sign of r_l, of all blocks; zero where a variance has collapsed.
+
+        Args:
+            cells, values: what of **rss** is not zero.
+            transmitters: M where only some of them are compared; it holds for blocks that hear none of the others.
+        """
         M, N = self.blocks.shape
+        M = M if transmitters is None else transmitters
         NM = N * M
         rss_sum, RSS_sums = values.sum(), self.blocks.sums
         online_squares = (values**2).sum() - rss_sum**2 / NM
@@ -49,7 +55,8 @@ class Fncc(Correlation[FnccParams]):
         numerator = products - rss_sum * RSS_sums / NM  # [sun2013] eq. (6)
         denominator = self.blocks.squares - RSS_sums**2 / NM  # [sun2013] eq. (6)
         signs = np.ones(len(numerator)) if self.params.literal else np.sign(numerator)
-        squared = np.divide(numerator**2, denominator, out=np.zeros_like(numerator), where=self.varied)
+        varied = self.varied if transmitters is None else denominator > COLLAPSED * self.blocks.squares
+        squared = np.divide(numerator**2, denominator, out=np.zeros_like(numerator), where=varied)
         # Eq. (4) leaves out the on-line factor, which changes no order; with it, r is known beside the order.
         signed: Floats = signs * squared / online_squares
         return signed

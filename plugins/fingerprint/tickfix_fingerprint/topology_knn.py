@@ -1,8 +1,9 @@
 """Fingerprint ``topology-knn``: as many points as the lattice around the nearest one offers, [wang2015] section 2.
 
 The order of work is the paper's (Figure 4): sub-region, nearest reference point, its topology, K, the K points,
-eq. (2). The correlation r_j of an RSSI matrix with the measured one is that of ``fncc``. How the sub-region is found
-from what is heard is not printed: here it is the one of most of the points that correlate best.
+eq. (2). How the sub-region is found from what is heard is not printed: here it is the one of most of the points that
+correlate best over all access points. The columns of an RSSI matrix are the access points available in its sub-region,
+eq. (1): over these the correlation r_j with the measured matrix, that of ``fncc``, is taken anew.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 
 from tickfix.api import Bools, Context, Floats, Ints, Preset, Readings, SurveyWalk, Trained, Window, parameter
+from tickfix_fingerprint.blocks import online
 from tickfix_fingerprint.fncc import Fncc, FnccParams
 from tickfix_fingerprint.surveyed import SMALLEST, SurveyedFingerprint, SurveyedParams
 from tickfix_fingerprint.topology import topology_of
@@ -63,6 +65,7 @@ class TopologyKnn(SurveyedFingerprint[TopologyKnnParams]):
         self._fncc = Fncc(FnccParams(**shared), context, None, use)
         self._xy, self._floor = self._fncc.blocks.xy, self._fncc.blocks.floor
         self.topology = topology_of(self._xy, self._floor, params.region_m)
+        self._available = self._available_by_region()
 
     @property
     def window(self) -> Window:
@@ -78,12 +81,9 @@ class TopologyKnn(SurveyedFingerprint[TopologyKnnParams]):
         found = self._fncc.ranked(window)
         if found is None:
             return None
-        order, ranked = found
-        r = np.empty(len(order))
-        r[order] = ranked
-        region = self.topology.region[order]
-        elected = int(np.bincount(region[: self.params.votes]).argmax())
-        best = int(order[np.flatnonzero(region == elected)[0]])
+        elected = int(np.bincount(self.topology.region[found[0][: self.params.votes]]).argmax())
+        r = self._coefficients(window, elected)
+        best = int(np.where(self.topology.region == elected, r, -np.inf).argmax())
         xy = self._mean(self.chosen(best, r), r)
         return self.radio_map.floors[self._floor[best]], xy, max(1.0 - float(r[best]), SMALLEST)
 
@@ -113,6 +113,23 @@ class TopologyKnn(SurveyedFingerprint[TopologyKnnParams]):
         if len(square) == 4 and off_m <= self.params.centre * self.topology.spacing_m[best]:
             return square  # K = 4
         return triangle
+
+    def _coefficients(self, window: Readings, region: int) -> Floats:
+        """Return r_j (P,) over the access points of a sub-region; it means something for the sub-region's points."""
+        blocks, available = self._fncc.blocks, self._available[region]
+        M, N = blocks.shape
+        cells, values, _ = online(window, self._fncc.index, N, self.params.missing_dbm)
+        kept = available[cells % M]
+        scores = self._fncc.scores(cells[kept], values[kept], int(available.sum()))
+        return self._fncc.coefficients(np.maximum.reduceat(scores, blocks.starts))
+
+    def _available_by_region(self) -> Bools:
+        """Return which access points (regions, M) some point of each sub-region heard."""
+        by_cell = self._fncc.blocks.by_cell.tocoo()
+        M, _ = self._fncc.blocks.shape
+        available = np.zeros((int(self.topology.region.max(initial=-1)) + 1, M), np.bool_)
+        available[self.topology.region[self._fncc.blocks.point[by_cell.col]], by_cell.row % M] = True
+        return available
 
     def _mean(self, points: Ints, r: Floats) -> Floats:
         weights = np.maximum(r[points], _LEAST_WEIGHT)  # a negative correlation must not push the mean out

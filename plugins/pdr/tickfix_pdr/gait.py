@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
@@ -11,10 +10,11 @@ from tickfix.api import BasePdr, Context, Motion, MotionSamples, Preset, Rng, Su
 from tickfix_pdr.calibration import calibrate
 from tickfix_pdr.heading import HeadingState, fold_heading
 from tickfix_pdr.step_detector import GaitState, Step, detect_steps
+from tickfix_pdr.walked import StepErrorParams, walked
 
 
 @dataclass(frozen=True)
-class GaitParams:
+class GaitParams(StepErrorParams):
     """Parameters of ``gait``."""
 
     step_m: Annotated[
@@ -28,8 +28,6 @@ class GaitParams:
     length_sigma: Annotated[float, parameter("relative error of a single step's length", ge=0)] = 0.15
     scale_sigma: Annotated[float, parameter("relative error that stays for the walk", ge=0)] = 0.15
     heading_sigma_rad: Annotated[float, parameter("error of a single step's direction", unit="rad", ge=0)] = 0.13
-    heading_bias_sigma_rad: Annotated[float, parameter("error that stays for the walk", unit="rad", ge=0)] = 0.26
-    bias_walk_rad: Annotated[float, parameter("by which that error changes with a step", unit="rad", ge=0)] = 0.05
     standing_s: Annotated[float, parameter("without a step for so long, the phone stands", unit="s", gt=0)] = 2.0
 
 
@@ -78,24 +76,16 @@ class Gait(BasePdr[GaitParams]):
             gait, found = detect_steps(
                 gait, accelerometer, low_pass_hz=p.low_pass_hz, threshold=p.threshold, shortest_s=p.shortest_s
             )
-        n = len(found)
         since_step_s = 0.0 if found else state.since_step_s + dt
         told = heading.heading_rad
-        motion = Motion(
-            t0_ns=samples.t0_ns,
-            t1_ns=samples.t1_ns,
-            distance_m=n * p.step_m,
+        motion = walked(
+            samples,
+            [p.step_m] * len(found),
+            p,
             heading_rad=None if told is None else float(wrap_rad(told + self._offset_rad)),
             turn_rad=direction.turn_rad,
-            distance_sigma_m=p.length_sigma * p.step_m * math.sqrt(n) if accelerometer is not None else dt,
-            distance_scale_sigma=p.scale_sigma,
-            heading_sigma_rad=p.heading_sigma_rad,
-            heading_bias_sigma_rad=p.heading_bias_sigma_rad,
-            turn_sigma_rad=p.heading_sigma_rad,
-            turn_bias_sigma_rad=p.bias_walk_rad * math.sqrt(n),
-            steps=n,
-            stationary=accelerometer is not None and since_step_s > p.standing_s,
-            travelled_m=state.travelled_m + n * p.step_m,
+            stands=since_step_s > p.standing_s,
+            before_m=state.travelled_m,
         )
         return GaitPdrState(gait, heading, since_step_s, motion.travelled_m), motion
 

@@ -27,10 +27,11 @@ from tickfix_pdr.extrema import SignalState, fold_signal
 from tickfix_pdr.heading import azimuth_of, compass_heading, fold_gravity, fold_yaw
 from tickfix_pdr.hybrid_heading import HybridWeights, hybrid_heading
 from tickfix_pdr.multi_threshold_detector import Step, StepState, Thresholds, fold_extrema
+from tickfix_pdr.walked import StepErrorParams, walked
 
 
 @dataclass(frozen=True)
-class MultiThresholdParams:
+class MultiThresholdParams(StepErrorParams):
     """Parameters of ``multi-threshold``.
 
     δ(Δt_p) is printed; the other thresholds and the weights are "determined empirically" and not printed: ours come
@@ -63,11 +64,6 @@ class MultiThresholdParams:
     keep_turns: Annotated[
         bool, parameter("carry what was turned since the step before into θ_(k−1)", source="eq. (8)", trains=True)
     ] = True
-    length_sigma: Annotated[float, parameter("relative error of a single step's length", ge=0)] = 0.1
-    scale_sigma: Annotated[float, parameter("relative error that stays for the walk", ge=0)] = 0.12
-    heading_sigma_rad: Annotated[float, parameter("error of a single step's direction", unit="rad", ge=0)] = 0.1
-    heading_bias_sigma_rad: Annotated[float, parameter("error that stays for the walk", unit="rad", ge=0)] = 0.26
-    bias_walk_rad: Annotated[float, parameter("by which that error changes with a step", unit="rad", ge=0)] = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +139,6 @@ class MultiThreshold(BasePdr[MultiThresholdParams]):
             signal, extrema = fold_signal(signal, accelerometer, p.low_pass_hz)
             steps, found = fold_extrema(steps, extrema, self._thresholds)
         lengths = [self._k * (step.acc_max - step.acc_min) ** 0.25 for step in found]  # eq. (7)
-        distance_m = sum(lengths)
 
         up = fold_gravity(state.up, accelerometer, dt)
         turned, gyroscope_ns = fold_yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
@@ -168,21 +163,14 @@ class MultiThreshold(BasePdr[MultiThresholdParams]):
         if found:
             sin = cos = 0.0
         still_s = 0.0 if found else state.still_s + dt
-        motion = Motion(
-            t0_ns=samples.t0_ns,
-            t1_ns=samples.t1_ns,
-            distance_m=distance_m,
+        motion = walked(
+            samples,
+            lengths,
+            p,
             heading_rad=heading_rad,
             turn_rad=turned or 0.0,
-            distance_sigma_m=p.length_sigma * math.hypot(*lengths) if accelerometer is not None else dt,
-            distance_scale_sigma=p.scale_sigma,
-            heading_sigma_rad=p.heading_sigma_rad,
-            heading_bias_sigma_rad=p.heading_bias_sigma_rad,
-            turn_sigma_rad=p.heading_sigma_rad,
-            turn_bias_sigma_rad=p.bias_walk_rad * math.sqrt(len(found)),
-            steps=len(found),
-            stationary=accelerometer is not None and still_s > p.standing_s,
-            travelled_m=state.travelled_m + distance_m,
+            stands=still_s > p.standing_s,
+            before_m=state.travelled_m,
         )
         return MultiThresholdState(
             signal, steps, up, gyroscope_ns, theta, theta_m, theta_g, sin, cos, since_rad, still_s, motion.travelled_m

@@ -20,10 +20,11 @@ from tickfix.api import (
 from tickfix_pdr.calibration import calibrate
 from tickfix_pdr.heading import HeadingState, fold_heading
 from tickfix_pdr.step_detector import GaitState, Step, detect_steps
+from tickfix_pdr.walked import StepErrorParams, walked
 
 
 @dataclass(frozen=True)
-class StepsParams:
+class StepsParams(StepErrorParams):
     """Parameters of ``steps``."""
 
     low_pass_hz: Annotated[float, parameter("corner of the smoothing", unit="Hz", gt=0, trains=True)] = 2.0
@@ -35,11 +36,7 @@ class StepsParams:
         float,
         parameter("K in step length = K·⁴√(fall of the acceleration)", source="[weinberg2002]", gt=0, trains=True),
     ] = 0.47
-    length_sigma: Annotated[float, parameter("relative error of a single step's length", ge=0)] = 0.1
-    scale_sigma: Annotated[float, parameter("relative error that stays for the walk", ge=0)] = 0.12
     heading_sigma_rad: Annotated[float, parameter("error of a single step's direction", unit="rad", ge=0)] = 0.09
-    heading_bias_sigma_rad: Annotated[float, parameter("error that stays for the walk", unit="rad", ge=0)] = 0.26
-    bias_walk_rad: Annotated[float, parameter("by which that error changes with a step", unit="rad", ge=0)] = 0.05
     standing_s: Annotated[float, parameter("without a step for so long, the phone stands", unit="s", gt=0)] = 2.0
 
 
@@ -94,28 +91,20 @@ class Steps(BasePdr[StepsParams]):
                 shortest_s=p.shortest_s,
             )
         lengths = [self._length_factor * step.amplitude**0.25 for step in found]
-        distance_m = sum(lengths)
         since_step_s = 0.0 if found else state.since_step_s + dt
         heading_rad = None
         if direction.known:
             # A step's direction is the mean since the step before it: the phone sways with every step.
             pointing = math.atan2(sin, cos) if found or heading.heading_rad is None else heading.heading_rad
             heading_rad = float(wrap_rad(pointing + self._offset_rad))
-        motion = Motion(
-            t0_ns=samples.t0_ns,
-            t1_ns=samples.t1_ns,
-            distance_m=distance_m,
+        motion = walked(
+            samples,
+            lengths,
+            p,
             heading_rad=heading_rad,
             turn_rad=direction.turn_rad,
-            distance_sigma_m=p.length_sigma * math.hypot(*lengths) if accelerometer is not None else dt,
-            distance_scale_sigma=p.scale_sigma,
-            heading_sigma_rad=p.heading_sigma_rad,
-            heading_bias_sigma_rad=p.heading_bias_sigma_rad,
-            turn_sigma_rad=p.heading_sigma_rad,
-            turn_bias_sigma_rad=p.bias_walk_rad * math.sqrt(len(found)),
-            steps=len(found),
-            stationary=accelerometer is not None and since_step_s > p.standing_s,
-            travelled_m=state.travelled_m + distance_m,
+            stands=since_step_s > p.standing_s,
+            before_m=state.travelled_m,
         )
         if found:
             sin = cos = 0.0

@@ -124,3 +124,22 @@ def test_without_a_compass_the_particles_walk_with_the_ekfs_speed() -> None:
     blind = [replace(m, heading_rad=None) for m in motions]
     mwpo = MapPf(MapPfParams(), MAPPED)
     assert errors(mwpo, fold(mwpo, blind, fixes(places, rng), rng), places)[50:].mean() < 1.5
+
+
+def test_a_gross_error_of_the_odometer_moves_particles_at_once_or_not_before_the_next_fix() -> None:
+    motions, places = walk(60.0, north)
+    motions[199] = replace(motions[199], distance_m=motions[199].distance_m + 10.0)  # along the corridor, at a fix
+    off = {}
+    for how in ("motion", "ekf"):
+        rng = np.random.default_rng(0)
+        mwpo = MapPf(MapPfParams(walk=how), MAPPED)  # type: ignore[arg-type]
+        off[how] = errors(mwpo, fold(mwpo, motions, fixes(places, rng), rng), places)[200]
+    assert off["motion"] > 4.0
+    assert off["ekf"] < 0.5 * off["motion"]
+
+
+def test_particles_that_walk_by_the_ekf_keep_up_with_a_steady_walk() -> None:
+    motions, places = walk(60.0, north)
+    rng = np.random.default_rng(0)
+    mwpo = MapPf(MapPfParams(walk="ekf"), MAPPED)
+    assert errors(mwpo, fold(mwpo, motions, fixes(places, rng), rng), places)[50:].mean() < 1.0

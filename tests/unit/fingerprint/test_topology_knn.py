@@ -85,3 +85,20 @@ def test_a_fix_lies_among_the_points_around_it() -> None:
     fix = TopologyKnn(TopologyKnnParams(), world.context()).locate(world.readings("F1", (9.4, 5.4)))
     assert fix is not None
     assert np.hypot(*(fix.xy - [9.4, 5.4])) <= 3.0
+
+
+def test_coefficients_are_those_over_the_access_points_of_the_sub_region() -> None:
+    algorithm = TopologyKnn(TopologyKnnParams(region_m=8.0, n=1), world.context())
+    blocks, region = algorithm._fncc.blocks, algorithm.topology.region
+    window = world.readings("F1", (9.4, 5.4))
+    heard = dict(zip(window.transmitters, window.rssi_dbm - algorithm.params.missing_dbm, strict=True))
+    rss = np.array([heard.get(transmitter, 0.0) for transmitter in algorithm.radio_map.transmitters])
+    dense = np.array([blocks.dense(b)[:, 0] for b in range(len(blocks.sums))])
+    for number in np.unique(region):
+        own = region[blocks.point] == number
+        available = (dense[own] > 0.0).any(axis=0)
+        best = np.full(len(region), -1.0)
+        for row, point in zip(dense[own], blocks.point[own], strict=True):
+            best[point] = max(best[point], np.corrcoef(row[available], rss[available])[0, 1])
+        mine = region == number
+        np.testing.assert_allclose(algorithm._coefficients(window, int(number))[mine], best[mine], atol=1e-9)
