@@ -106,6 +106,8 @@ def _value(name: str, value: Any) -> str:
         return _UNKNOWN
     if name == "pipelines" and isinstance(value, list):
         return ", ".join(_pipeline(one) for one in value) or "none"
+    if name == "comparison" and isinstance(value, Mapping):
+        return "\n".join(_contestant(pipeline, found) for pipeline, found in value.items()) or "none"
     if isinstance(value, Mapping):
         times = name.endswith("_ms")
         shown = [
@@ -145,3 +147,21 @@ def _duration(seconds: float) -> str:
     parts = [(days, "d"), (h, "h"), (m, "min"), (s, "s")]
     first = next((i for i, (n, _) in enumerate(parts) if n), len(parts) - 1)
     return " ".join(f"{n} {unit}" for n, unit in parts[first : first + 2])
+
+
+def _contestant(name: str, found: Mapping[str, Any]) -> str:
+    """Return how a pipeline does: its error where there is truth, and how far it is from the baseline."""
+    parts = []
+    if found.get("waypoints"):
+        parts.append(f"error {found['error_m']:.2f} m at {found['waypoints']} waypoints")
+    if found.get("difference_m") is not None:
+        between = found.get("interval_m")
+        sure = (
+            f", at any time 95 % {between[0]:+.2f} to {between[1]:+.2f}" if between else ", too few to say how surely"
+        )
+        parts.append(f"{found['difference_m']:+.2f} m against {found['against']} ({found['walks']} walks{sure})")
+    if found.get("innovation_m") is not None:
+        parts.append(f"innovation {found['innovation_m']:.2f} m")
+    if found.get("apart_m") is not None:
+        parts.append(f"{found['apart_m']:.2f} m from {found['against']}")
+    return f"{name}: {', '.join(parts) or 'nothing to compare yet'}"

@@ -10,7 +10,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from tickfix.api import Scan
+from tickfix.api import Scan, Truth
 from tickfix.drivers.live.deadlines import Deadlines
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.histogram import Histogram
@@ -101,6 +101,7 @@ class Engine:
             "failures": dict(kernel.failures),
             "journal": self._ledger.status(),
             "overload": self.overload,
+            "comparison": self._speaker.contest.report(),
             "primary": self._speaker.primary,
             "scans": {"being located": self._locator.waiting, "given up": self.counts["scans given up"]},
             "rounds": self.counts["rounds"],
@@ -210,6 +211,8 @@ class Engine:
         if (event.seq > 0 and number in self._in_flight) or self._replica.kernel.repeats(event):
             self._outbox.answer(item, Outcome.DUPLICATE)
             return
+        if isinstance(event, Truth):
+            self._speaker.contest.truth(event)
         record = self._ledger.event(event)
         outcome = self._replica.event(record, event)
         if outcome is not None:
@@ -288,6 +291,7 @@ class Engine:
         output, _ = self._replica.decide(decision)
         self._ledger.decision(decision, device, 0)
         self._speaker.say(output, None)
+        self._speaker.contest.finish(device)
         self._deadlines.forget(device)
         self._hub.forget(device)
 

@@ -15,6 +15,7 @@ from typing import Any, Final
 import msgspec
 import zmq
 
+from tickfix.api import Truth
 from tickfix.client import Keys
 from tickfix.client.connection import connect, open_socket
 from tickfix.drivers.live.engine import obey
@@ -120,6 +121,7 @@ class Follower:
             "journal": self._ledger.status(),
             "overload": self._outbox.full or None,
             "primary": self._speaker.primary,
+            "comparison": self._speaker.contest.report(),
             "followed": dict(self.counts),
         }
 
@@ -176,6 +178,8 @@ class Follower:
     def _event(self, number: int, body: bytes) -> None:
         event = decode_event(body)
         own = self._ledger.event(event)
+        if isinstance(event, Truth):
+            self._speaker.contest.truth(event)
         if self._replica.event(own, event) is None:
             self._own[number] = own
 
@@ -198,4 +202,5 @@ class Follower:
         self._ledger.decision(decision, device, 0)
         self._speaker.say(output, now_ns)
         if isinstance(decision, Finish):
+            self._speaker.contest.finish(decision.device)
             self._hub.forget(device)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tickfix.api import TICK_NS
+from tickfix.drivers.live.contest import Contest
 from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.outbox import Outbox
@@ -29,6 +30,7 @@ class Speaker:
     Attributes:
         ticks: closed and said by the primary pipeline.
         withheld: estimates that the overrun policy did not publish.
+        contest: of all pipelines against the one that was primary at first.
         lateness: of a tick's estimate behind the instant at which the tick could close.
     """
 
@@ -54,6 +56,7 @@ class Speaker:
         self.ticks = 0
         self.withheld = 0
         self.lateness = Histogram()
+        self.contest = Contest(self._names, self.primary)
 
     @property
     def primary(self) -> str:
@@ -71,6 +74,7 @@ class Speaker:
         now_ns, primary, everyone = self._clock.monotonic_ns(), self.primary, self._settings.publish == "all"
         overrun = due_ns is not None and now_ns - due_ns > TICK_NS and self._settings.overrun == "newest"
         newest = output.published[-1].tick if output.published else None
+        self.contest.said(output.published)
         for estimate in (*output.revised, *output.published):
             body = self._ledger.estimate(estimate)
             if estimate.revision == 0 and estimate.pipeline == primary:
