@@ -13,8 +13,8 @@ from tickfix.api import TICK_NS, Context, Motion, RadioMap, Survey, Trained, wra
 from tickfix.simulation import SimulatedWalk, demo_building, simulate_survey
 from tickfix.site.walks import survey_walk
 from tickfix_pdr import elm_model
-from tickfix_pdr.elm import ElmParams, ElmPdr
 from tickfix_pdr.calibration import within
+from tickfix_pdr.elm import ElmParams, ElmPdr
 from tickfix_pdr.elm_windows import Felt, felt, folds, heading_features, joined, velocity_features
 
 Reckon = Callable[[Any, SimulatedWalk], list[Motion]]
