@@ -224,10 +224,9 @@ class ElmPdr(BasePdr[ElmParams]):
             )
         names = sorted({walk.chain for walk in survey.walks})
         chain = np.array([names.index(walk.chain) for walk in survey.walks])
-        streams = iter(rng.spawn(4))
 
         def fold(walk: Ints) -> Ints:
-            return folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=next(streams))
+            return folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=rng)
 
         v = elm_model.train(
             velocity.x,
@@ -236,7 +235,7 @@ class ElmPdr(BasePdr[ElmParams]):
             params.velocity_nodes,
             activation=params.velocity_activation,
             ridge=params.ridge,
-            rng=next(streams),
+            rng=rng,
         )
         o = elm_model.train(
             heading.x,
@@ -245,7 +244,7 @@ class ElmPdr(BasePdr[ElmParams]):
             params.heading_nodes,
             activation=params.heading_activation,
             ridge=params.ridge,
-            rng=next(streams),
+            rng=rng,
         )
         model: dict[str, Any] = {**v.elm.arrays("velocity"), **o.elm.arrays("heading")}
         model["velocity_mse"] = np.stack([v.nodes, v.mse])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from scipy.linalg import lstsq
 
 from tickfix.api import TICK_NS, Context, Motion, RadioMap, Survey, Trained, wrap_rad
+from tickfix.kernel.randomness import Streams
 from tickfix.simulation import SimulatedWalk, demo_building, simulate_survey
 from tickfix.site.walks import survey_walk
 from tickfix_pdr import elm_model
@@ -135,6 +137,11 @@ def test_the_same_stream_trains_the_same_model(survey: Survey, trained: Trained)
     assert {name: value.tobytes() for name, value in again.items()} == {
         name: value.tobytes() for name, value in trained.items()
     }
+
+
+def test_it_can_be_trained_with_the_stream_of_a_survey(survey: Survey) -> None:
+    # The kernel's counter-based generators cannot spawn others.
+    ElmPdr.train(replace(PARAMS, heading_nodes=(25,)), survey, Streams(0, "survey").at(0, 0, "pdr-elm"))
 
 
 def test_without_a_model_it_says_to_survey_again() -> None:
