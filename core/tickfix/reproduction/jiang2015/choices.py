@@ -11,7 +11,7 @@ _PRINTED_AND_CHOSEN: Final = (
     (
         "room in the floor's frame",
         "turned clockwise by 30°",
-        "chosen: a plain angle jumps at due south, where the printed regression cannot have worked: no straight lies there",
+        "chosen: a plain angle jumps at due south, where the printed regression cannot work: no straight lies there",
     ),
     ("participants, walks, phones", "4 people × 5 walks, each phone once by each person", "printed, section 8.1"),
     ("sampling rate", "65 Hz", "printed, section 8.1"),
