@@ -3,43 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from typing import Final
 
 import numpy as np
 
-from tickfix.api import TICK_NS, Estimate, Fix, Floats, SiteError, Survey, Trained
+from tickfix.api import Fix, Floats, SiteError, Survey, Trained
 from tickfix.config import Config, parse
-from tickfix.drivers.replay import Replayed, replay
+from tickfix.drivers.replay import replay
 from tickfix.drivers.surveying import train, trainable
-from tickfix.evaluation.run import Bench, prepare
+from tickfix.evaluation.run import prepare
 from tickfix.plugins import Registry
-from tickfix.reproduction.jiang2015.twin import Twin, twin
+from tickfix.reproduction.jiang2015.track import Tracked, tracked, with_given_fixes
+from tickfix.reproduction.jiang2015.twin import twin
 from tickfix.simulation import SimulatedWalk
 from tickfix.site.site import Site
 
+GIVEN_SIGMA_M: Final = (0.1, 0.25, 0.5, 1.0, 2.0)
+"""Errors of location results that are given, per coordinate."""
 _START_SIGMA_M: Final = 0.1
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Tracked:
-    """A pipeline on a walk.
-
-    Attributes:
-        t_s: (n,) of its ticks with a position, since the walk began.
-        xy: (n, 2) published, metres.
-        error_m: (n,) distance from the true place at the tick.
-        located_m: (m,) the same, settled, at the ticks that brought a location result; empty without Wi-Fi.
-        every_s: mean time from one published position to the next other one.
-    """
-
-    t_s: Floats
-    xy: Floats
-    error_m: Floats
-    located_m: Floats
-    every_s: float
+_DRAWN: Final = 20
+"""Every so manieth instant of a true way is kept for pictures: ten a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -49,14 +35,24 @@ class Measured:
     Attributes:
         window_mse: by window length in ms, (velocity in m²/s², heading in rad²).
         tracks: by pipeline, one for each walk.
+        given: by error of the location results given (per coordinate, m) and pipeline, the mean error in metres.
         truth: of each walk, (n, 2) metres.
         failures: stage calls that failed.
     """
 
     window_mse: Mapping[int, tuple[float, float]]
     tracks: Mapping[str, tuple[Tracked, ...]]
+    given: Mapping[float, Mapping[str, float]]
     truth: tuple[Floats, ...]
     failures: Mapping[str, int]
+
+    def mean_error_m(self, pipeline: str) -> float:
+        """Return the mean over all ticks of all walks."""
+        return float(np.concatenate([track.error_m for track in self.tracks[pipeline]]).mean())
+
+    def mean_located_m(self, pipeline: str) -> float:
+        """Return the mean over all location results of all walks."""
+        return float(np.concatenate([track.located_m for track in self.tracks[pipeline]]).mean())
 
 
 def measure(seed: int, registry: Registry) -> Measured:
@@ -66,33 +62,55 @@ def measure(seed: int, registry: Registry) -> Measured:
         SiteError: when something cannot be trained.
     """
     scene = twin(seed)
-    compared = _configured("windows.toml", seed, registry)
-    models = _trained(compared, scene.lessons, seed)
-    window_mse = {}
-    for pipeline in compared.pipelines:
-        if pipeline.pdr is not None:
-            velocity, heading = np.asarray(models[pipeline.pdr.model]["window_mse"]).tolist()
-            window_mse[int(pipeline.name)] = (velocity, heading)
     config = _configured("pipelines.toml", seed, registry)
     models = _trained(config, scene.lessons, seed)
     site = Site(name="jiang2015", floors=(scene.floor,), radio_map=scene.lessons.radio_map, models=models)
-    moving = [p.name for p in config.pipelines if p.pdr is not None]
-    resting = [p.name for p in config.pipelines if p.pdr is None]
-    benches = (prepare(site, config.only(moving)), prepare(site, config.only(resting)))
+    tracks: dict[str, list[Tracked]] = {pipeline.name: [] for pipeline in config.pipelines}
     failures: Counter[str] = Counter()
-    tracks: dict[str, list[Tracked]] = {name: [] for name in (*moving, *resting)}
-    for walk in scene.walks:
-        for bench, start in zip(benches, (_start(walk), None), strict=True):
+    # Motion needs a start that is told; Wi-Fi alone finds its own.
+    for with_motion in (True, False):
+        names = [p.name for p in config.pipelines if (p.pdr is not None) == with_motion]
+        bench = prepare(site, config.only(names))
+        for walk in scene.walks:
+            start = _start(walk) if with_motion else None
             replayed = replay(walk.recording, bench.pipelines, bench.settings, start=start)
             failures.update(replayed.failures)
-            for name, tracked in _tracked(bench, replayed, walk).items():
-                tracks[name].append(tracked)
+            for pipeline in bench.pipelines:
+                tracks[pipeline.name].append(tracked(pipeline, replayed, walk))
     return Measured(
-        window_mse=window_mse,
+        window_mse=_window_mse(scene.lessons, seed, registry),
         tracks={name: tuple(found) for name, found in tracks.items()},
-        truth=_truth(scene),
+        given=_with_given_fixes(site, scene.walks, seed, registry),
+        truth=tuple(walk.trajectory.xy[::_DRAWN] for walk in scene.walks),
         failures=dict(failures),
     )
+
+
+def _window_mse(lessons: Survey, seed: int, registry: Registry) -> dict[int, tuple[float, float]]:
+    config = _configured("windows.toml", seed, registry)
+    models = _trained(config, lessons, seed)
+    found = {}
+    for pipeline in config.pipelines:
+        if pipeline.pdr is not None:
+            velocity, heading = np.asarray(models[pipeline.pdr.model]["window_mse"]).tolist()
+            found[int(pipeline.name)] = (velocity, heading)
+    return found
+
+
+def _with_given_fixes(
+    site: Site, walks: tuple[SimulatedWalk, ...], seed: int, registry: Registry
+) -> dict[float, dict[str, float]]:
+    bench = prepare(site, _configured("given.toml", seed, registry))
+    found = {}
+    for sigma_m in GIVEN_SIGMA_M:
+        errors: dict[str, list[Floats]] = {pipeline.name: [] for pipeline in bench.pipelines}
+        for n, walk in enumerate(walks):
+            recording = with_given_fixes(walk, sigma_m, np.random.default_rng([seed, n]))
+            replayed = replay(recording, bench.pipelines, bench.settings, start=_start(walk))
+            for pipeline in bench.pipelines:
+                errors[pipeline.name].append(tracked(pipeline, replayed, walk).error_m)
+        found[sigma_m] = {name: float(np.concatenate(each).mean()) for name, each in errors.items()}
+    return found
 
 
 def _configured(file: str, seed: int, registry: Registry) -> Config:
@@ -111,34 +129,3 @@ def _trained(config: Config, lessons: Survey, seed: int) -> Mapping[str, Trained
 def _start(walk: SimulatedWalk) -> Fix:
     first = walk.recording.truth[0]
     return Fix(t_ns=first.t_ns, floor=first.floor, xy=first.xy, covariance=_START_SIGMA_M**2 * np.eye(2))
-
-
-def _tracked(bench: Bench, replayed: Replayed, walk: SimulatedWalk) -> dict[str, Tracked]:
-    result = {}
-    for pipeline in bench.pipelines:
-        published = [e for e, _ in replayed.published[pipeline.name] if e.belief is not None]
-        t_s, xy, error_m = _errors(published, walk)
-        stage = pipeline.fingerprint
-        ticks = set() if stage is None else {-(-fix.t_ns // TICK_NS) for fix in replayed.fixes[stage.key]}
-        settled = [e for e in replayed.settled[pipeline.name] if e.tick in ticks and e.belief is not None]
-        changes = t_s[1:][np.any(np.diff(xy, axis=0) != 0.0, axis=1)]
-        result[pipeline.name] = Tracked(
-            t_s=t_s,
-            xy=xy,
-            error_m=error_m,
-            located_m=_errors(settled, walk)[2],
-            every_s=float(np.diff(changes).mean()) if len(changes) > 1 else float(t_s[-1] - t_s[0]),
-        )
-    return result
-
-
-def _errors(estimates: Sequence[Estimate], walk: SimulatedWalk) -> tuple[Floats, Floats, Floats]:
-    """Return times (n,), places (n, 2) and errors (n,) of estimates with a belief."""
-    t_s = (np.array([e.t_ns for e in estimates], np.int64) - walk.t_ns[0]) * 1e-9
-    xy = np.array([e.belief.xy for e in estimates if e.belief is not None]).reshape(-1, 2)
-    error_m: Floats = np.hypot(*(xy - walk.trajectory.xy_at(t_s)).T)
-    return t_s, xy, error_m
-
-
-def _truth(scene: Twin) -> tuple[Floats, ...]:
-    return tuple(walk.trajectory.xy[::20] for walk in scene.walks)
