@@ -108,7 +108,7 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
     def _heard(self, window: Readings) -> Floats:
         """Return the newest reading of each transmitter in the window, (T,) dB above ``missing_dbm``.
 
-        The newest scan alone will not do: phones miss access points now and then, and to take one for out of reach moves
+        The newest scan alone will not do: phones miss access points now and then. Taking one for out of reach moves
         the features further than any walk does.
         """
         rss = np.zeros(len(self._index))
