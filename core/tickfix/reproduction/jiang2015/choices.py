@@ -62,7 +62,7 @@ _PRINTED_AND_CHOSEN: Final = (
     (
         "particle filter",
         "Q 0.1 m² a tick, σ 0.5 m",
-        "printed, section 6, as read in the plugin sir-pf; N = 500 chosen",
+        "printed, section 6, as read in the preset of fusion-pf; N = 500 chosen",
     ),
     (
         "Kalman filters",

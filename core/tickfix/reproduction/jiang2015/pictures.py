@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from matplotlib.artist import Artist
 
 from tickfix.api import Floats
 from tickfix.evaluation.pictures import draw_cdf
@@ -38,9 +39,8 @@ def draw(runs: Sequence[Measured], folder: Path) -> tuple[Path, ...]:
 
 def _draw_ways(run: Measured, path: Path) -> None:
     """Draw the first walk of a seed by four methods: as printed, and with own settings."""
-    with canvas(path, (7.2, 6.4)) as figure:
+    with canvas(path, (7.2, 4.4)) as figure:
         panels = figure.subplots(2, 4, sharex=True, sharey=True)
-        entries = []
         for row, (column, title) in enumerate(((0, "as printed"), (1, "own settings"))):
             for axes, label in zip(panels[row], _PANELS, strict=True):
                 draw_plan(axes, plan())
@@ -49,15 +49,14 @@ def _draw_ways(run: Measured, path: Path) -> None:
                 (told,) = axes.plot(*run.tracks[str(METHODS[label][column])][0].xy.T, color=look.color, linewidth=1.0)
                 axes.set(aspect="equal", xlim=(-2.0, 16.0), ylim=(-2.0, 17.0))
                 axes.set_title(f"{label}\n{title}", fontsize=7.5)
-                entries = [(true, "truth"), (told, "told")]
-        legend(figure, entries, beside=False)
+        legend(figure, [(true, "truth"), (told, "told")], beside=False)
 
 
 def _draw_growth(runs: Sequence[Measured], path: Path) -> None:
     """Draw the mean error of all walks by the time walked."""
     with canvas(path, (7.2, 3.4)) as figure:
         panels = figure.subplots(1, 2, sharey=True)
-        entries = []
+        entries: list[tuple[Artist, str]] = []
         for column, (axes, title) in enumerate(zip(panels, ("as printed", "own settings"), strict=True)):
             entries = []
             for look, label in zip(lines(len(_PANELS)), _PANELS, strict=True):

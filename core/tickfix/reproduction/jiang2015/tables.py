@@ -22,6 +22,7 @@ WINDOWS: Final = {
 METHODS: Final = {
     "gait + PF": ("gait-pf", "", 1.542),
     "ELM": ("elm", "own-elm", 0.609),
+    "ELM, heading as sine and cosine": ("vector-elm", "", None),
     "ELM + KF": ("elm-kf", "own-elm-kf", 0.829),
     "ELM + PF": ("elm-pf", "own-elm-pf", 0.633),
     "ELM + Wi-Fi + PF": ("elm-wifi-pf", "own-elm-wifi-pf", 0.150),
