@@ -93,8 +93,8 @@ def _motion(runs: Sequence[Measured]) -> tuple[Claim, ...]:
             ours=f"{pf.mean():.2f} against {elm.mean():.2f} m, with own settings {own_pf.mean():.2f} against "
             f"{own.mean():.2f} m",
             above=0.0,
-            why="The table is right: weighed by the place that motion leads to, particles know nothing that motion does "
-            "not know, and drawing them adds noise that accumulates",
+            why="The table is right: weighed by the place that motion leads to, particles know nothing that motion "
+            "does not know, and drawing them adds noise that accumulates",
         ),
     )
 
