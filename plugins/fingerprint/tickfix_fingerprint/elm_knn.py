@@ -37,7 +37,7 @@ class ElmKnnParams(SurveyedParams):
     ] = -95.0
     access_points: Annotated[
         int, parameter("most frequent access points used", source="[jiang2015] section 7", ge=1, trains=True)
-    ] = 100
+    ] = 1000
     hidden: Annotated[int, parameter("hidden nodes, L", source="[jiang2015] (4)", ge=1, trains=True)] = 500
     ridge: Annotated[float, parameter("of the least squares that train the output layer", gt=0, trains=True)] = 1.0
     sample_s: Annotated[
@@ -100,7 +100,7 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
         frequent = _frequent(samples, params.access_points)
         a = rng.uniform(-1.0, 1.0, (len(frequent), params.hidden))
         b = rng.uniform(-1.0, 1.0, params.hidden)
-        x = samples.by_cell[frequent].toarray().T
+        x = samples.by_cell[frequent].T  # sparse: a sample hears few of a building's access points
         H = hidden_layer(x / _UNIT_DB, a, b)
         beta = output_weights(H, samples.point, len(samples.xy), params.ridge)
         return {"access_points": frequent, "a": a, "b": b, "beta": beta}

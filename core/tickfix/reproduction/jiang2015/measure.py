@@ -113,9 +113,13 @@ def _with_given_fixes(
     return found
 
 
+def pipelines_in(file: str) -> str:
+    """Return the text of one of this folder's configurations."""
+    return files("tickfix.reproduction.jiang2015").joinpath(file).read_text("utf-8")
+
+
 def _configured(file: str, seed: int, registry: Registry) -> Config:
-    text = files("tickfix.reproduction.jiang2015").joinpath(file).read_text("utf-8")
-    config = parse(text, file, registry)
+    config = parse(pipelines_in(file), file, registry)
     return replace(config, kernel=replace(config.kernel, seed=seed))
 
 
