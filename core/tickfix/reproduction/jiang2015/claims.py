@@ -37,8 +37,8 @@ def _windows(runs: Sequence[Measured]) -> tuple[Claim, ...]:
             judge(
                 f"200 ms is the best window for the {what}",
                 difference(by_window[other], by_window[200]),
-                paper=f"{WINDOWS[200][i]:.4g} against {paper:.4g} {unit} for the next best",
-                ours=f"{by_window[200].mean():.3g} against {by_window[other].mean():.3g} {unit} for {other} ms",
+                paper=f"{WINDOWS[200][i]:#.4g} against {paper:#.4g} {unit} for the next best",
+                ours=f"{by_window[200].mean():#.3g} against {by_window[other].mean():#.3g} {unit} for {other} ms",
                 above=0.0,
                 why="The plain angle jumps at due south; what it errs there outweighs all that windows change",
             )
@@ -186,7 +186,8 @@ def _fused(runs: Sequence[Measured]) -> tuple[Claim, ...]:
 def _given(runs: Sequence[Measured], sigma_m: float) -> Claim:
     """Return the paper's main claim, for location results as good as its filter takes them to be."""
     fused = np.array([run.given[sigma_m]["own-elm-wifi-pf"] for run in runs])
-    others = {name: _errors(runs, name) for name in ("gait-pf", "own-elm", "own-elm-kf", "own-elm-pf")}
+    rivals = {label: own or printed for label, (printed, own, _) in METHODS.items() if "Wi-Fi" not in label}
+    others = {label: _errors(runs, pipeline) for label, pipeline in rivals.items()}
     other = _best(others)
     return judge(
         f"the fused filter is the best of all where Wi-Fi errs by σ = {sigma_m:g} m, with own settings",

@@ -25,7 +25,7 @@ GIVEN_SIGMA_M: Final = (0.1, 0.25, 0.5, 1.0, 2.0)
 """Errors of location results that are given, per coordinate."""
 _START_SIGMA_M: Final = 0.1
 _DRAWN: Final = 20
-"""Every so manieth instant of a true way is kept for pictures: ten a second."""
+"""Of a true way, one instant in so many is kept for pictures: ten a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

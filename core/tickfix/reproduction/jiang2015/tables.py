@@ -75,7 +75,8 @@ def _methods(runs: Sequence[Measured]) -> Table:
         columns=("as printed", "own settings"),
         rows={label: (ours(printed, paper), ours(own)) for label, (printed, own, paper) in METHODS.items()},
         note="Own settings: tickfix's defaults of the regression. They take the heading as sine and cosine, choose the "
-        "hidden nodes by folds that keep walks together, regularise more, and let a phone at rest stay.",
+        "hidden nodes by folds that keep walks together, regularise more, and let a phone at rest stay. The rows without "
+        "a figure of the paper were added after a first look.",
     )
 
 
@@ -126,5 +127,5 @@ def _given(runs: Sequence[Measured]) -> Table:
             )
             for sigma_m in GIVEN_SIGMA_M
         },
-        note="Not in the paper: what the filter makes of fixes that are normal around the true place of their scan.",
+        note="Not in the paper, and added after a first look: fixes are drawn around the true place of their scan.",
     )
