@@ -75,8 +75,8 @@ def _methods(runs: Sequence[Measured]) -> Table:
         columns=("as printed", "own settings"),
         rows={label: (ours(printed, paper), ours(own)) for label, (printed, own, paper) in METHODS.items()},
         note="Own settings: tickfix's defaults of the regression. They take the heading as sine and cosine, choose the "
-        "hidden nodes by folds that keep walks together, regularise more, and let a phone at rest stay. The rows without "
-        "a figure of the paper were added after a first look.",
+        "hidden nodes by folds that keep walks together, regularise more, and let a phone at rest stay. Rows without a "
+        "figure of the paper were added after a first look.",
     )
 
 
