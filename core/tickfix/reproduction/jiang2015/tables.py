@@ -26,7 +26,7 @@ METHODS: Final = {
     "ELM + KF": ("elm-kf", "own-elm-kf", 0.829),
     "ELM + PF": ("elm-pf", "own-elm-pf", 0.633),
     "ELM + Wi-Fi + PF": ("elm-wifi-pf", "own-elm-wifi-pf", 0.150),
-    "ELM + Wi-Fi + fusion-pf": ("", "own-fusion", None),
+    "ELM + Wi-Fi + own PF": ("", "own-fusion", None),
 }
 """[jiang2015] Table 4: pipeline as printed, with tickfix's own settings, and the paper's mean error in metres."""
 WIFI: Final = {"KNN": "wifi-knn", "ELM": "wifi-elm", "ELM + KF": "wifi-elm-kf", "ELM + PF": "wifi-elm-pf"}
