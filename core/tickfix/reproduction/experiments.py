@@ -11,6 +11,7 @@ from tickfix.reproduction.report import Experiment
 
 PAPERS: Final[Mapping[str, str]] = MappingProxyType(
     {
+        "jiang2015": "tickfix.reproduction.jiang2015.experiment",
         "sun2013": "tickfix.reproduction.sun2013.experiment",
         "wang2015": "tickfix.reproduction.wang2015.experiment",
     }

@@ -1,19 +1,23 @@
 """Filter ``fusion-pf``: a particle filter that motion moves, fixes weigh and walls thin out.
 
-After [jiang2015] sections 6 and 7: each particle walks every 200 ms, is weighed by a Wi-Fi fix when there is one, and
-the set is resampled. Beyond the paper, a particle also carries its own bias of the heading and error of the step
-length, which its walk teaches it, and how far the last fix was off if the particle is right: errors of fixes have a
-memory (:mod:`tickfix_filters.noise`). A particle that crosses a wall loses most of its weight, and so does, step by
-step, one that walks where nobody can; not all of it, since plans err too. A few particles begin anew at every fix, so
-that a wrong belief never lasts (sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting localization",
-ICRA 2000).
+[jiang2015] sections 6 and 7: each particle walks every 200 ms, eq. (16), is weighed by a Wi-Fi fix when there is one,
+and else by the motion result, eqs. (18)–(19), and the set is resampled (SIR). The preset ``jiang2015`` is that and
+nothing else.
+
+The defaults go beyond the paper. Without a fix nothing weighs: particles spread as motion says that it errs. A particle
+also carries its own bias of the heading and error of the step length, which its walk teaches it, and how far the last
+fix was off if the particle is right: errors of fixes have a memory (:mod:`tickfix_filters.noise`). A particle that
+crosses a wall loses most of its weight, and so does, step by step, one that walks where nobody can; not all of it,
+since plans err too. A few particles begin anew at every fix, so that a wrong belief never lasts (sensor resetting,
+[lenser2000] Lenser and Veloso, "Sensor resetting localization", ICRA 2000).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Annotated, Final, Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -22,15 +26,18 @@ from tickfix.api import (
     Fix,
     Floats,
     Motion,
+    Observation,
     PredictUpdateFilter,
+    Preset,
     Report,
     Rng,
     displacement,
-    parameter,
     wrap_rad,
 )
 from tickfix_filters.floors import OnFloor
-from tickfix_filters.noise import FixErrorParams, sigma_m
+from tickfix_filters.fusion_params import JIANG2015, FusionPfParams
+from tickfix_filters.fusion_state import BiasPrior, Particles, Unseen
+from tickfix_filters.noise import sigma_m
 from tickfix_filters.resampling import effective_number, normalised, spatial_median, systematic
 
 _LOST: Final = 4.0  # surprise above which a belief is in doubt: twice σ per axis, over several fixes
@@ -38,85 +45,33 @@ _LEARN: Final = 0.5
 _TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
-@dataclass(frozen=True)
-class FusionPfParams(FixErrorParams):
-    """Parameters of ``fusion-pf``."""
+class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
+    """Particle filter over position, heading bias and step scale, with walls; preset jiang2015: as printed there.
 
-    particles: Annotated[int, parameter("N", source="[jiang2015] section 6", ge=2)] = 500
-    diffusion_m: Annotated[
-        float, parameter("way per square root of a second that no step explains", unit="m/√s", ge=0)
-    ] = 0.1
-    crossing_weight: Annotated[
-        float, parameter("share of its weight a particle keeps when it crosses a wall", gt=0, le=1)
-    ] = 0.2
-    outside_weight: Annotated[
-        float, parameter("share of its weight it keeps with each step where nobody can walk", gt=0, le=1)
-    ] = 0.5
-    renewed: Annotated[
-        float, parameter("share of the particles that begin anew at a good fix", source="[lenser2000]", ge=0, lt=1)
-    ] = 0.03
-    renewed_lost: Annotated[
-        float, parameter("the same while fixes and particles contradict each other", ge=0, lt=1)
-    ] = 0.25
-    renewed_sigma_m: Annotated[
-        float, parameter("a fix with this σ is good; at a poorer one fewer begin anew", unit="m", gt=0)
-    ] = 4.0
-    scatter_m: Annotated[
-        float, parameter("particles begin within no more than this σ around a fix, however poor", unit="m", gt=0)
-    ] = 8.0
-    resample_below: Annotated[
-        float, parameter("effective share of particles that calls for resampling", gt=0, le=1)
-    ] = 0.5
-    centre: Annotated[
-        Literal["median", "mean"],
-        parameter("the position told: spatial median, which errs least on average, or mean, which errs least squared"),
-    ] = "median"
-
-
-@dataclass(frozen=True, slots=True)
-class Particles:
-    """N particles.
-
-    Attributes:
-        on: the floor all are on.
-        xy: (N, 2) metres.
-        bias_rad, scale: (N,) of the heading, and of the length of steps.
-        error: (N, 2) of the last fix in multiples of its σ, if the particle is right.
-        log_weights: (N,).
-        surprise: running mean of the squared distance between fixes and particles' mean, in σ² per axis; about one when
-            all is well.
-        motion: what motion said of its own biases, None before the first.
+    The preset is eqs. (14)–(19) alone: SIR over positions, by the fix where there is one, else by the motion result.
     """
 
-    on: OnFloor
-    xy: Floats
-    bias_rad: Floats
-    scale: Floats
-    error: Floats
-    log_weights: Floats
-    fixed_ns: int
-    heading_rad: float | None = None
-    speed_mps: float = 0.0
-    surprise: float = 1.0
-    motion: BiasPrior | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class BiasPrior:
-    """What motion said of its own biases: standard deviations, and whether there is a compass."""
-
-    heading_rad: float
-    scale: float
-    compass: bool
-
-
-class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
-    """Particle filter over position, heading bias and step scale, with walls."""
-
     name = "fusion-pf"
-    source = "[jiang2015] sections 6–7, eqs. (16)–(19); [bryson1968]; [lenser2000]"
+    source = "[jiang2015] sections 6–7, eqs. (14)–(19); [bryson1968]; [lenser2000]"
     Params = FusionPfParams
     State = Particles
+    presets: ClassVar[Mapping[str, Preset]] = {"jiang2015": JIANG2015}
+
+    def step(
+        self, state: Particles, motion: Motion, observations: Sequence[Observation], rng: Rng
+    ) -> tuple[Particles, Report]:
+        """Predict, correct, update and resample, steps 3 to 7 of section 6; see section 7 for what corrects."""
+        moved, report = super().step(state, motion, observations, rng)
+        if self.params.without_fix == "nothing":
+            return moved, report
+        if report.used:
+            return replace(moved, unseen=Unseen()), report
+        way = displacement(motion.distance_m, 0.0 if moved.heading_rad is None else moved.heading_rad)
+        motion_result = normalised(state.log_weights) @ state.xy + way  # eq. (13), and (17) with R = 0
+        squares: Floats = ((motion_result - moved.xy) ** 2).sum(axis=1) / self.params.fix_sigma_m**2
+        log_weights = moved.log_weights - 0.5 * squares  # eqs. (18), (19)
+        weighed = replace(moved, log_weights=log_weights, unseen=state.unseen.after(motion))
+        return self._resampled(weighed, rng), report
 
     def begin(self, fix: Fix, rng: Rng) -> Particles:
         """Scatter the particles around the fix; their biases come with the first motion."""
@@ -130,19 +85,21 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         n = len(state.xy)
         dt = (motion.t1_ns - motion.t0_ns) * 1e-9
         bias, scale, prior = state.bias_rad, state.scale, state.motion
+        own = float(self.params.own_ways)
         if prior is None:
-            prior = BiasPrior(
-                motion.heading_bias_sigma_rad, motion.distance_scale_sigma, compass=motion.heading_rad is not None
-            )
+            compass = motion.heading_rad is not None or not self.params.own_ways
+            prior = BiasPrior(own * motion.heading_bias_sigma_rad, own * motion.distance_scale_sigma, compass=compass)
             bias, scale = _biases(prior, n, rng)
         # Without compass the biases begin all around, and turns are all there is to follow.
         heading = motion.heading_rad
         if heading is None:
             heading = float(wrap_rad((state.heading_rad or 0.0) + motion.turn_rad))
-        if motion.turn_bias_sigma_rad:
+        if self.params.own_ways and motion.turn_bias_sigma_rad:
             bias = bias + motion.turn_bias_sigma_rad * rng.standard_normal(n)
         move = self.params.diffusion_m * math.sqrt(dt) * rng.standard_normal((n, 2))
-        if motion.distance_m or motion.distance_sigma_m:
+        if not self.params.own_ways:
+            move += displacement(motion.distance_m, heading)
+        elif motion.distance_m or motion.distance_sigma_m:
             distance = motion.distance_m * (1.0 + scale) + motion.distance_sigma_m * rng.standard_normal(n)
             move += displacement(distance, heading + bias + motion.heading_sigma_rad * rng.standard_normal(n))
         xy = state.xy + move
@@ -166,7 +123,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
         nu, rho = self.params.freedom, self.params.correlation(fix, state.fixed_ns)
-        error = (fix.xy - state.xy) / sigma_m(fix)
+        error = (fix.xy - state.xy) / (self.params.fix_sigma_m or sigma_m(fix))
         squares: Floats = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
         log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
         off = fix.xy - normalised(state.log_weights) @ state.xy
@@ -182,6 +139,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         if self.params.centre == "median":
             centre = spatial_median(state.xy, weights, centre)
         off = state.xy - centre
+        covariance = (weights[:, None] * off).T @ off + state.unseen.variance_m2 * np.eye(2)
         heading = None
         if state.heading_rad is not None:
             turned = math.atan2(weights @ np.sin(state.bias_rad), weights @ np.cos(state.bias_rad))
@@ -189,7 +147,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         return Belief(
             floor=state.on.floor,
             xy=centre,
-            covariance=(weights[:, None] * off).T @ off,
+            covariance=covariance,
             speed_mps=state.speed_mps,
             heading_rad=heading,
         )
@@ -235,9 +193,11 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
 
     def _resampled(self, state: Particles, rng: Rng) -> Particles:
         weights = normalised(state.log_weights)
-        if effective_number(weights) >= self.params.resample_below * len(weights):
+        n = len(weights)
+        # Equal weights ask for nothing, whatever rounding makes of them.
+        if effective_number(weights) >= self.params.resample_below * n * (1.0 - 1e-9):
             return state
-        drawn = systematic(weights, rng)
+        drawn = systematic(weights, rng) if self.params.resampling == "systematic" else rng.choice(n, n, p=weights)
         return replace(
             state,
             xy=state.xy[drawn],

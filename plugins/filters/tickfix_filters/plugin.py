@@ -9,8 +9,8 @@ from tickfix_filters.fixes import Fixes
 from tickfix_filters.fusion_pf import FusionPf
 from tickfix_filters.kalman import Kalman
 from tickfix_filters.kalman_map import KalmanMap
+from tickfix_filters.kalman_reckoning import KalmanReckoning
 from tickfix_filters.map_pf import MapPf
-from tickfix_filters.sir_pf import SirPf
 
 TICKFIX_API = 1
 
@@ -18,4 +18,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer the filters."""
-    return [Fixes, DeadReckoning, Kalman, KalmanMap, FadingEkf, FusionPf, SirPf, MapPf]
+    return [Fixes, DeadReckoning, Kalman, KalmanMap, KalmanReckoning, FadingEkf, FusionPf, MapPf]

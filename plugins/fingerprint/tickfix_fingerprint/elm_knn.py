@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from tickfix.api import Bools, Context, Floats, Ints, Preset, RadioMap, Readings, Rng, Trained, parameter
-from tickfix_fingerprint.blocks import Blocks, online
+from tickfix_fingerprint.blocks import Blocks
 from tickfix_fingerprint.elm import hidden_layer, output_weights
 from tickfix_fingerprint.surveyed import SMALLEST, SurveyedFingerprint, SurveyedParams
 
@@ -37,7 +37,7 @@ class ElmKnnParams(SurveyedParams):
     ] = -95.0
     access_points: Annotated[
         int, parameter("most frequent access points used", source="[jiang2015] section 7", ge=1, trains=True)
-    ] = 100
+    ] = 1000
     hidden: Annotated[int, parameter("hidden nodes, L", source="[jiang2015] (4)", ge=1, trains=True)] = 500
     ridge: Annotated[float, parameter("of the least squares that train the output layer", gt=0, trains=True)] = 1.0
     sample_s: Annotated[
@@ -76,10 +76,7 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
 
     def nearest(self, window: Readings) -> tuple[str, Floats, float] | None:
         """Return floor, place and the distance in dB of the nearest candidate, eq. (20)."""
-        cells, values, _ = online(window, self._index, 1, self.params.missing_dbm)
-        rss = np.zeros(len(self._index))
-        rss[cells] = values
-        rss = rss[self._frequent]
+        rss = self._heard(window)[self._frequent]
         if np.count_nonzero(rss) < self.params.min_readings or len(self._xy) == 0:
             return None
         if self._elm is None:
@@ -103,10 +100,23 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
         frequent = _frequent(samples, params.access_points)
         a = rng.uniform(-1.0, 1.0, (len(frequent), params.hidden))
         b = rng.uniform(-1.0, 1.0, params.hidden)
-        x = samples.by_cell[frequent].toarray().T
+        x = samples.by_cell[frequent].T  # sparse: a sample hears few of a building's access points
         H = hidden_layer(x / _UNIT_DB, a, b)
         beta = output_weights(H, samples.point, len(samples.xy), params.ridge)
         return {"access_points": frequent, "a": a, "b": b, "beta": beta}
+
+    def _heard(self, window: Readings) -> Floats:
+        """Return the newest reading of each transmitter in the window, (T,) dB above ``missing_dbm``.
+
+        The newest scan alone will not do: phones miss access points now and then. Taking one for out of reach moves
+        the features further than any walk does.
+        """
+        rss = np.zeros(len(self._index))
+        for transmitter, rssi_dbm in zip(window.transmitters, window.rssi_dbm.tolist(), strict=True):
+            i = self._index.get(transmitter)
+            if i is not None:
+                rss[i] = max(rssi_dbm - self.params.missing_dbm, 0.0)  # readings come oldest first
+        return rss
 
     def _rows(self, samples: Blocks) -> Floats:
         """Return the samples' features, (B, F) dB above ``missing_dbm``."""

@@ -26,7 +26,7 @@ from tickfix.api import (
 )
 from tickfix_pdr import elm_model
 from tickfix_pdr.elm_model import Elm
-from tickfix_pdr.elm_windows import folds, heading_features, velocity_features, windows
+from tickfix_pdr.elm_windows import Felt, felt, folds, heading_features, joined, velocity_features, windows
 from tickfix_pdr.heading import fold_gravity, fold_yaw
 
 _FEWEST_WINDOWS = 50
@@ -37,8 +37,18 @@ Activation = Literal["hardlim", "sigmoid"]
 
 @dataclass(frozen=True)
 class ElmParams:
-    """Parameters of ``elm``; a window is a tick, 200 ms as in [jiang2015] section 8.2.1."""
+    """Parameters of ``elm``."""
 
+    window_ms: Annotated[
+        int,
+        parameter(
+            "T_w, whole ticks over whose samples features are averaged; the last one is told",
+            unit="ms",
+            source="[jiang2015] 8.2.1",
+            ge=200,
+            trains=True,
+        ),
+    ] = 200
     velocity_nodes: Annotated[
         tuple[int, ...], parameter("hidden nodes to choose from", source="[jiang2015] 8.2.2", trains=True)
     ] = (25, 50, 100, 200, 400)
@@ -65,6 +75,15 @@ class ElmParams:
         float, parameter("a phone that shakes less is at rest; 0: as the network says", unit="m/s²", ge=0)
     ] = 0.15
 
+    def __post_init__(self) -> None:
+        """Check the window.
+
+        Raises:
+            ValueError: when it is not made of whole ticks.
+        """
+        if self.window_ms * 1_000_000 % TICK_NS:
+            raise ValueError(f"window_ms: found {self.window_ms}, expected a multiple of {TICK_NS // 1_000_000}")
+
 
 @dataclass(frozen=True, slots=True)
 class ElmState:
@@ -76,6 +95,7 @@ class ElmState:
         gyroscope_ns: the last gyroscope sample's time, −1 before the first.
         shake: smoothed square of the acceleration's departure from gravity's length, m²/s⁴; −1 before the first.
         travelled_m: so far.
+        recent: what was felt in the ticks before, as many as a window needs.
     """
 
     heading_rad: float | None = None
@@ -83,6 +103,7 @@ class ElmState:
     gyroscope_ns: int = -1
     shake: float = -1.0
     travelled_m: float = 0.0
+    recent: tuple[Felt, ...] = ()
 
 
 class ElmPdr(BasePdr[ElmParams]):
@@ -105,6 +126,7 @@ class ElmPdr(BasePdr[ElmParams]):
         "jiang2015": Preset(
             "[jiang2015] section 8.2.2: 500 hardlim and 1000 sigmoid nodes, random folds, plain angle",
             {
+                "window_ms": 200,
                 "velocity_nodes": (500,),
                 "heading_nodes": (1000,),
                 "velocity_activation": "hardlim",
@@ -127,6 +149,7 @@ class ElmPdr(BasePdr[ElmParams]):
         super().__init__(params, context, trained)
         if trained is None:
             raise ValueError("elm: found no trained model; survey again with this configuration (--config)")
+        self._before = params.window_ms * 1_000_000 // TICK_NS - 1
         self._velocity = Elm.of(trained, "velocity", params.velocity_activation)
         self._heading = Elm.of(trained, "heading", params.heading_activation)
         self._sigma, self._scale_sigma, self._heading_sigma, self._heading_bias = (
@@ -150,10 +173,12 @@ class ElmPdr(BasePdr[ElmParams]):
             shake = square if shake < 0.0 else shake + dt / (_SHAKE_S + dt) * (square - shake)
         still = accelerometer is not None and 0.0 <= shake < self.params.still_mps2**2
 
-        x = velocity_features(samples)
+        window = (*state.recent, felt(samples))
+        mean = joined(window)
+        x = velocity_features(mean)
         v = 0.0 if x is None or still else float(np.clip(self._velocity(x[None])[0, 0], 0.0, _FASTEST_MPS))
         distance_m = v * dt  # eq. (13), with T_w the tick
-        x_o = heading_features(samples, as_vector=self.params.as_vector)
+        x_o = heading_features(mean, as_vector=self.params.as_vector)
         heading = state.heading_rad
         if x_o is not None:
             heading = float(_angle(self._heading(x_o[None]))[0])
@@ -175,7 +200,8 @@ class ElmPdr(BasePdr[ElmParams]):
             stationary=still,
             travelled_m=state.travelled_m + distance_m,
         )
-        return ElmState(heading, up, gyroscope_ns, shake, motion.travelled_m), motion
+        recent = window[-self._before :] if self._before else ()
+        return ElmState(heading, up, gyroscope_ns, shake, motion.travelled_m, recent), motion
 
     @staticmethod
     def train(params: ElmParams, survey: Survey, rng: Rng) -> Trained:
@@ -183,12 +209,14 @@ class ElmPdr(BasePdr[ElmParams]):
 
         Returns:
             The networks; ``velocity_mse`` and ``heading_mse`` by number of nodes as rows (nodes, MSE); ``errors``: (4,)
-            of the velocity from tick to tick (m/s) and of a walk (relative), of the heading likewise (both radians).
+            of the velocity from tick to tick (m/s) and of a walk (relative), of the heading likewise (both radians);
+            ``window_mse``: (2,) of the chosen networks in windows they did not see, m²/s² and, the shorter way round,
+            rad², the figures of [jiang2015] Table 3.
 
         Raises:
             ValueError: when the survey has too few windows with all four sensors and waypoints.
         """
-        velocity, heading = windows(survey.walks, TICK_NS, as_vector=params.as_vector)
+        velocity, heading = windows(survey.walks, params.window_ms * 1_000_000, as_vector=params.as_vector)
         if min(len(velocity.t), len(heading.t)) < _FEWEST_WINDOWS:
             raise ValueError(
                 f"elm: found {len(velocity.t)} windows for the velocity and {len(heading.t)} for the heading, needs "
@@ -196,10 +224,9 @@ class ElmPdr(BasePdr[ElmParams]):
             )
         names = sorted({walk.chain for walk in survey.walks})
         chain = np.array([names.index(walk.chain) for walk in survey.walks])
-        streams = iter(rng.spawn(4))
 
         def fold(walk: Ints) -> Ints:
-            return folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=next(streams))
+            return folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=rng)
 
         v = elm_model.train(
             velocity.x,
@@ -208,7 +235,7 @@ class ElmPdr(BasePdr[ElmParams]):
             params.velocity_nodes,
             activation=params.velocity_activation,
             ridge=params.ridge,
-            rng=next(streams),
+            rng=rng,
         )
         o = elm_model.train(
             heading.x,
@@ -217,7 +244,7 @@ class ElmPdr(BasePdr[ElmParams]):
             params.heading_nodes,
             activation=params.heading_activation,
             ridge=params.ridge,
-            rng=next(streams),
+            rng=rng,
         )
         model: dict[str, Any] = {**v.elm.arrays("velocity"), **o.elm.arrays("heading")}
         model["velocity_mse"] = np.stack([v.nodes, v.mse])
@@ -226,6 +253,7 @@ class ElmPdr(BasePdr[ElmParams]):
         mean = _by_walk(missed, velocity.walk)
         off = wrap_rad(heading.t - _angle(o.held_out))
         bias = np.arctan2(_by_walk(np.sin(off), heading.walk), _by_walk(np.cos(off), heading.walk))
+        model["window_mse"] = np.array([np.mean((velocity.t - v.held_out[:, 0]) ** 2), np.mean(off**2)])
         model["errors"] = np.array(
             [
                 _rms(missed - mean),

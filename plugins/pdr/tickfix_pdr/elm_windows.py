@@ -6,12 +6,13 @@ roll: the mean is taken of the vector, since angles jump at ±180°. Labels come
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tickfix.api import Floats, Ints, MotionSamples, SurveyWalk
+from tickfix.api import Floats, Ints, MotionSamples, SurveyWalk, frozen
 from tickfix_pdr.calibration import within
 
 _SLOWEST_MPS = 0.2  # below it the spline's direction is that of its error
@@ -32,33 +33,68 @@ class Windows:
     walk: Ints
 
 
-def velocity_features(samples: MotionSamples) -> Floats | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class Felt:
+    """Sums of samples, of which the means over any number of ticks are made, eq. (3).
+
+    Attributes:
+        sums: (13,) of accelerometer, gyroscope and magnetometer, three each, and of the rotation vector's quaternion,
+            whose signs are chosen alike.
+        counts: (4,) samples of each, in that order.
+    """
+
+    sums: Floats
+    counts: Floats
+
+
+def felt(samples: MotionSamples) -> Felt:
+    """Return the sums over a tick, or over any span."""
+    sums, counts = np.zeros(13), np.zeros(4)
+    for i, name in enumerate(("accelerometer", "gyroscope", "magnetometer")):
+        sensor = samples.sensors.get(name)
+        if sensor is not None:
+            sums[3 * i : 3 * i + 3], counts[i] = sensor.values.sum(axis=0), len(sensor)
+    rotation = samples.sensors.get("rotation_vector")
+    if rotation is not None:
+        q = (
+            rotation.values * np.where(rotation.values @ rotation.values[0] < 0.0, -1.0, 1.0)[:, None]
+        )  # q and −q are one
+        sums[9:], counts[3] = q.sum(axis=0), len(rotation)
+    return Felt(frozen(sums), frozen(counts))
+
+
+def joined(parts: Sequence[Felt]) -> Felt:
+    """Return the sums over a window of at least one tick."""
+    if len(parts) == 1:
+        return parts[0]
+    sums = np.array([part.sums for part in parts])
+    first = sums[np.argmax(np.abs(sums[:, 9:]).sum(axis=1) > 0.0), 9:]
+    sums[sums[:, 9:] @ first < 0.0, 9:] *= -1.0
+    return Felt(frozen(sums.sum(axis=0)), frozen(np.sum([part.counts for part in parts], axis=0)))
+
+
+def velocity_features(window: Felt) -> Floats | None:
     """Return acc.x, y, z, gyr.x, y, z (6,), eq. (1); None where a sensor is silent."""
-    acc, gyr = samples.sensors.get("accelerometer"), samples.sensors.get("gyroscope")
-    if acc is None or gyr is None:
+    if not window.counts[:2].all():
         return None
-    return np.concatenate([acc.values.mean(axis=0), gyr.values.mean(axis=0)])  # eq. (3)
+    means: Floats = window.sums[:6] / np.repeat(window.counts[:2], 3)  # eq. (3)
+    return means
 
 
-def heading_features(samples: MotionSamples, *, as_vector: bool) -> Floats | None:
+def heading_features(window: Felt, *, as_vector: bool) -> Floats | None:
     """Return ori.x, y, z in radians and mag.x, y, z in µT (6,), eq. (2); None where a sensor is silent.
 
     ``as_vector``: ori.x as its sine and cosine (7,), so that what is felt does not jump where the azimuth does.
     """
-    rotation, magnetometer = samples.sensors.get("rotation_vector"), samples.sensors.get("magnetometer")
-    if rotation is None or magnetometer is None:
+    norm = float(np.linalg.norm(window.sums[9:]))
+    if not window.counts[2:].all() or norm == 0.0:
         return None
-    q = rotation.values * np.where(rotation.values @ rotation.values[0] < 0.0, -1.0, 1.0)[:, None]  # q and −q are one
-    mean = q.mean(axis=0)
-    norm = float(np.linalg.norm(mean))
-    if norm == 0.0:
-        return None
-    x, y, z, w = mean / norm
+    x, y, z, w = window.sums[9:] / norm
     azimuth = np.arctan2(2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z))
     pitch = np.arcsin(np.clip(-2.0 * (y * z + x * w), -1.0, 1.0))
     roll = np.arctan2(-2.0 * (x * z - y * w), 1.0 - 2.0 * (x * x + y * y))
     turned = [np.sin(azimuth), np.cos(azimuth)] if as_vector else [azimuth]
-    return np.concatenate([[*turned, pitch, roll], magnetometer.values.mean(axis=0)])
+    return np.concatenate([[*turned, pitch, roll], window.sums[6:9] / window.counts[2]])
 
 
 def windows(walks: tuple[SurveyWalk, ...], window_ns: int, *, as_vector: bool) -> tuple[Windows, Windows]:
@@ -76,9 +112,10 @@ def windows(walks: tuple[SurveyWalk, ...], window_ns: int, *, as_vector: bool) -
             t_s = (start_ns - t0_ns + np.array([0, window_ns])) * 1e-9
             east, north = np.diff(spline(t_s), axis=0)[0] / (window_ns * 1e-9)
             v = float(np.hypot(east, north))
-            felt, pointed = velocity_features(samples), heading_features(samples, as_vector=as_vector)
-            if felt is not None:
-                rows[0].append((felt, v, number))
+            window = felt(samples)
+            moved, pointed = velocity_features(window), heading_features(window, as_vector=as_vector)
+            if moved is not None:
+                rows[0].append((moved, v, number))
             if pointed is not None and v >= _SLOWEST_MPS:
                 rows[1].append((pointed, float(np.arctan2(east, north)), number))
     velocity, heading = (_stacked(found) for found in rows)

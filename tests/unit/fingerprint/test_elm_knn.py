@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -60,3 +62,16 @@ def test_without_a_classifier_the_nearest_points_are_the_candidates() -> None:
     fix = ElmKnn(ElmKnnParams(k=1), world.context()).locate(world.readings("F1", (3.0, 3.0)))
     assert fix is not None
     assert np.hypot(*(fix.xy - [3.0, 3.0])) <= 2.0
+
+
+def test_what_only_the_scan_before_heard_is_not_taken_for_missing() -> None:
+    params = ElmKnnParams(k=1)
+    method = ElmKnn(params, world.context(), ElmKnn.train(params, world.survey(), world.rng(1)))
+    whole = world.readings("F1", (3.0, 3.0))
+    strongest = int(np.argmax(whole.rssi_dbm))
+    scan = np.where(np.arange(len(whole)) == strongest, 0, 1)
+    split = replace(whole, scan=scan, scan_t_ns=(whole.t_ns - 10**9, whole.t_ns))
+    found, expected = method.locate(split), method.locate(whole)
+    assert found is not None
+    assert expected is not None
+    assert np.array_equal(found.xy, expected.xy)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import lstsq
 
-from tickfix.api import Context, Motion, RadioMap, Survey, Trained, wrap_rad
+from tickfix.api import TICK_NS, Context, Motion, RadioMap, Survey, Trained, wrap_rad
+from tickfix.kernel.randomness import Streams
 from tickfix.simulation import SimulatedWalk, demo_building, simulate_survey
 from tickfix.site.walks import survey_walk
 from tickfix_pdr import elm_model
+from tickfix_pdr.calibration import within
 from tickfix_pdr.elm import ElmParams, ElmPdr
-from tickfix_pdr.elm_windows import folds
+from tickfix_pdr.elm_windows import Felt, felt, folds, heading_features, joined, velocity_features
 
 Reckon = Callable[[Any, SimulatedWalk], list[Motion]]
 PARAMS = ElmParams(velocity_nodes=(25, 50, 100), heading_nodes=(25, 50, 100))
@@ -98,11 +101,47 @@ def test_it_beats_a_constant_on_held_out_walks_of_the_surveyor(
     assert np.sqrt(np.mean(np.concatenate(headings) ** 2)) < np.radians(45.0), "104° is no better than a constant"
 
 
+def test_a_window_of_several_ticks_is_felt_as_one(survey: Survey) -> None:
+    motion = survey.walks[0].motion
+    starts = motion.t0_ns + TICK_NS * np.arange(40)
+    ticks = [felt(within(motion, t, t + TICK_NS)) for t in starts.tolist()]
+    for k in range(36):
+        once = felt(within(motion, int(starts[k]), int(starts[k]) + 5 * TICK_NS))
+        turned = Felt(ticks[k + 1].sums * np.repeat([1.0, -1.0], [9, 4]), ticks[k + 1].counts)  # −q is q
+        several = joined([ticks[k], turned, *ticks[k + 2 : k + 5]])
+        assert velocity_features(several) == pytest.approx(velocity_features(once))
+        assert heading_features(several, as_vector=True) == pytest.approx(heading_features(once, as_vector=True))
+
+
+def test_it_regresses_windows_of_the_length_it_was_trained_with(
+    survey: Survey, surveyed: list[SimulatedWalk], reckon: Reckon
+) -> None:
+    params = ElmParams(window_ms=600, velocity_nodes=(50,), heading_nodes=(50,), still_mps2=0.0)
+    pdr = ElmPdr(params, Context(), ElmPdr.train(params, survey, np.random.default_rng(2)))
+    motions = reckon(pdr, surveyed[3])
+    samples = survey_walk(surveyed[3].recording, "w").motion
+    for motion in motions[20:60]:
+        x = velocity_features(felt(within(samples, motion.t1_ns - 3 * TICK_NS, motion.t1_ns)))
+        assert x is not None
+        expected = np.clip(pdr._velocity(x[None])[0, 0], 0.0, 3.0) * 0.2
+        assert motion.distance_m == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_window_of_broken_ticks_is_refused() -> None:
+    with pytest.raises(ValueError, match="found 500, expected a multiple of 200"):
+        ElmParams(window_ms=500)
+
+
 def test_the_same_stream_trains_the_same_model(survey: Survey, trained: Trained) -> None:
     again = ElmPdr.train(PARAMS, survey, np.random.default_rng(2))
     assert {name: value.tobytes() for name, value in again.items()} == {
         name: value.tobytes() for name, value in trained.items()
     }
+
+
+def test_it_can_be_trained_with_the_stream_of_a_survey(survey: Survey) -> None:
+    # The kernel's counter-based generators cannot spawn others.
+    ElmPdr.train(replace(PARAMS, heading_nodes=(25,)), survey, Streams(0, "survey").at(0, 0, "pdr-elm"))
 
 
 def test_without_a_model_it_says_to_survey_again() -> None:

@@ -1,4 +1,4 @@
-"""The printed particle filter against the Kalman filter, which is exact here, and as section 7 tells it."""
+"""``fusion-pf`` with the preset jiang2015 against the Kalman filter, which is exact here, and as section 7 tells it."""
 
 from __future__ import annotations
 
@@ -9,23 +9,36 @@ import pytest
 from walks import walk
 
 from tickfix.api import TICK_NS, Context, Fix, Motion, Observation, Prior
-from tickfix_filters.sir_pf import SirPf, SirPfParams
+from tickfix.testing import FilterContract
+from tickfix_filters.fusion_params import FusionPfParams
+from tickfix_filters.fusion_pf import FusionPf
 
-FIRST = Fix(t_ns=0, floor="F", xy=[1.0, -2.0], covariance=np.array([[0.8, 0.2], [0.2, 0.4]]))
+FIRST = Fix(t_ns=0, floor="F", xy=[1.0, -2.0], covariance=0.6 * np.eye(2))
+
+
+class TestAsPrinted(FilterContract):
+    """The kit, on the preset as well."""
+
+    algorithm = FusionPf
+    params = FusionPf.presets["jiang2015"].values
 
 
 def seen(k: int, xy: np.ndarray) -> Observation:
     return Observation(t_ns=k * TICK_NS, source="test", fix=Fix(t_ns=k * TICK_NS, floor="F", xy=xy))
 
 
-def begun(pf: SirPf, rng: np.random.Generator) -> object:
+def printed(particles: int) -> FusionPf:
+    return FusionPf(FusionPfParams(**FusionPf.presets["jiang2015"].values | {"particles": particles}), Context())
+
+
+def begun(pf: FusionPf, rng: np.random.Generator) -> object:
     return pf.start(Prior(t_ns=0, fix=FIRST), rng)
 
 
 @pytest.mark.parametrize("every", [1, 5, 1000])
 def test_many_particles_are_the_kalman_filter(every: int) -> None:
     rng = np.random.default_rng(every)
-    pf = SirPf(SirPfParams(**SirPf.presets["jiang2015"].values | {"particles": 40_000}), Context())
+    pf = printed(40_000)
     motions, places = walk(6.0, lambda t: 0.3 * t)
     state = begun(pf, rng)
     m, P = np.array(FIRST.xy), np.array(FIRST.covariance)
@@ -35,14 +48,14 @@ def test_many_particles_are_the_kalman_filter(every: int) -> None:
         m, P = m + places[k] - places[k - 1], P + 0.1 * np.eye(2)
         K = P @ np.linalg.inv(P + 0.25 * np.eye(2))
         m, P = m + K @ ((z if k % every == 0 else m) - m), (np.eye(2) - K) @ P
-        assert state.x.mean(axis=0) == pytest.approx(m, abs=0.04)
-        assert np.cov(state.x.T) == pytest.approx(P, abs=0.02)
+        assert state.xy.mean(axis=0) == pytest.approx(m, abs=0.04)
+        assert np.cov(state.xy.T) == pytest.approx(P, abs=0.02)
         assert report.used == (k % every == 0)
 
 
 def test_without_fixes_the_place_is_the_motion_result() -> None:
     rng = np.random.default_rng(0)
-    pf = SirPf(SirPfParams(particles=5000), Context())
+    pf = printed(5000)
     motions, places = walk(20.0, lambda t: 0.1 * t)
     state = begun(pf, rng)
     traces = []
@@ -54,7 +67,7 @@ def test_without_fixes_the_place_is_the_motion_result() -> None:
 
 
 def test_with_a_fix_the_motion_result_is_not_used() -> None:
-    pf = SirPf(SirPfParams(particles=40_000, sigma_m=0.5), Context())
+    pf = printed(40_000)
     rng = np.random.default_rng(0)
     state = begun(pf, rng)
     still = Motion(t0_ns=0, t1_ns=TICK_NS, heading_rad=0.0)
@@ -65,7 +78,7 @@ def test_with_a_fix_the_motion_result_is_not_used() -> None:
 
 
 def test_a_fix_far_away_leaves_finite_weights_and_draws_the_particles_towards_it() -> None:
-    pf = SirPf(SirPfParams(particles=100), Context())
+    pf = printed(100)
     rng = np.random.default_rng(0)
     state = begun(pf, rng)
     still = Motion(t0_ns=0, t1_ns=TICK_NS, heading_rad=0.0)
@@ -74,3 +87,8 @@ def test_a_fix_far_away_leaves_finite_weights_and_draws_the_particles_towards_it
             state, replace(still, t0_ns=(k - 1) * TICK_NS, t1_ns=k * TICK_NS), [seen(k, [80.0, 0.0])], rng
         )
     assert np.hypot(*(pf.estimate(state).xy - [80.0, 0.0])) < 2.0
+
+
+def test_motion_can_weigh_only_if_it_is_said_how_sharply() -> None:
+    with pytest.raises(ValueError, match="fix_sigma_m: found 0"):
+        FusionPfParams(without_fix="motion")
