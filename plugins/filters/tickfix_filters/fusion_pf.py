@@ -75,7 +75,7 @@ class FusionPfParams(FixErrorParams):
         parameter(
             "all particles begin anew once fixes lie this far off their mean, one way, for some scans", unit="m", gt=0
         ),
-    ] = 12.0
+    ] = 15.0
     resample_below: Annotated[
         float, parameter("effective share of particles that calls for resampling", gt=0, le=1)
     ] = 0.5
