@@ -58,6 +58,12 @@ class FusionPfParams(FixErrorParams):
     scatter_m: Annotated[
         float, parameter("particles begin within no more than this σ around a fix, however poor", unit="m", gt=0)
     ] = 8.0
+    astray_m: Annotated[
+        float,
+        parameter(
+            "all particles begin anew once fixes lie this far off their mean, one way, for some scans", unit="m", gt=0
+        ),
+    ] = 15.0
     resample_below: Annotated[
         float, parameter("effective share of particles that calls for resampling", gt=0, le=1)
     ] = 0.5
@@ -92,6 +98,7 @@ JIANG2015: Final = Preset(
         "renewed": 0.0,
         "renewed_lost": 0.0,
         "scatter_m": 1e6,
+        "astray_m": 1e6,
         "resample_below": 1.0,
         "centre": "mean",
     },

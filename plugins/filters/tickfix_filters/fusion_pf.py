@@ -10,6 +10,10 @@ fix was off if the particle is right: errors of fixes have a memory (:mod:`tickf
 crosses a wall loses most of its weight, and so does, step by step, one that walks where nobody can; not all of it,
 since plans err too. A few particles begin anew at every fix, so that a wrong belief never lasts (sensor resetting,
 [lenser2000] Lenser and Veloso, "Sensor resetting localization", ICRA 2000).
+
+Those few are too few for a person who comes out of a part that nobody surveyed. Fixes there are poor, so the belief
+begins in the wrong shop, is kept there by walls, and every later fix of a large σ agrees with it. What gives it away is
+that fixes lie off it *in one direction* for several scans, many metres whatever their σ: then all begin anew.
 """
 
 from __future__ import annotations
@@ -42,6 +46,8 @@ from tickfix_filters.resampling import effective_number, normalised, spatial_med
 
 _LOST: Final = 4.0  # surprise above which a belief is in doubt: twice σ per axis, over several fixes
 _LEARN: Final = 0.5
+_LEARN_ASTRAY: Final = 0.3  # a running mean over about as many scans as errors of fixes stay alike
+_FAR: Final = 2.0  # in it, a fix counts as no further off than twice what is astray: a single one proves nothing
 _TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
@@ -78,7 +84,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         n = self.params.particles
         xy = self._around(fix, n, rng)
         error = (fix.xy - xy) / sigma_m(fix)
-        return Particles(OnFloor(fix.floor), xy, np.zeros(n), np.zeros(n), error, np.zeros(n), fix.t_ns)
+        return Particles(OnFloor(fix.floor), xy, np.zeros(n), np.zeros(n), error, np.zeros(n), fix.t_ns, np.zeros(2))
 
     def predict(self, state: Particles, motion: Motion, rng: Rng) -> Particles:
         """Walk every particle, [jiang2015] eq. (16), and let walls take their toll."""
@@ -127,9 +133,23 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         squares: Floats = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
         log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
         off = fix.xy - normalised(state.log_weights) @ state.xy
+        innovation_m = float(np.hypot(*off))
+        counted = min(1.0, _FAR * self.params.astray_m / max(innovation_m, 1e-9)) * off
+        astray = (1.0 - _LEARN_ASTRAY) * state.astray + _LEARN_ASTRAY * counted
+        if np.hypot(*astray) > self.params.astray_m:
+            report = Report(used=1, innovation_m=innovation_m, lost=True, reasons=("began anew",))
+            return self._begun_anew(state, fix, rng), report
         surprise = (1.0 - _LEARN) * state.surprise + _LEARN * 0.5 * float(off @ off) / sigma_m(fix) ** 2
-        weighed = replace(state, on=on, error=error, log_weights=log_weights, fixed_ns=fix.t_ns, surprise=surprise)
-        report = Report(used=1, innovation_m=float(np.hypot(*off)), lost=surprise > _LOST)
+        weighed = replace(
+            state,
+            on=on,
+            error=error,
+            log_weights=log_weights,
+            fixed_ns=fix.t_ns,
+            astray=astray,
+            surprise=surprise,
+        )
+        report = Report(used=1, innovation_m=innovation_m, lost=surprise > _LOST)
         return self._resampled(self._renewed(weighed, fix, rng), rng), report
 
     def estimate(self, state: Particles) -> Belief:
@@ -190,6 +210,14 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         bias[those], scale[those] = _biases(state.motion, n, rng)
         log_weights[those] = average
         return replace(state, xy=xy, bias_rad=bias, scale=scale, error=error, log_weights=log_weights)
+
+    def _begun_anew(self, state: Particles, fix: Fix, rng: Rng) -> Particles:
+        """Begin at the fix, facing and walking as before; what was learnt of the biases was learnt in a wrong place."""
+        anew = replace(self.begin(fix, rng), heading_rad=state.heading_rad, speed_mps=state.speed_mps)
+        if state.motion is None:
+            return anew
+        bias, scale = _biases(state.motion, len(anew.xy), rng)
+        return replace(anew, bias_rad=bias, scale=scale, motion=state.motion)
 
     def _resampled(self, state: Particles, rng: Rng) -> Particles:
         weights = normalised(state.log_weights)

@@ -55,6 +55,7 @@ class Particles:
         log_weights: (N,).
         surprise: running mean of the squared distance between fixes and particles' mean, in σ² per axis; about one when
             all is well.
+        astray: (2,) metres, running mean of the way from the particles' mean to the fixes.
         motion: what motion said of its own biases, None before the first.
         unseen: what weighing by the motion result hides.
     """
@@ -66,6 +67,7 @@ class Particles:
     error: Floats
     log_weights: Floats
     fixed_ns: int
+    astray: Floats
     heading_rad: float | None = None
     speed_mps: float = 0.0
     surprise: float = 1.0

@@ -18,7 +18,7 @@ from tickfix_filters.resampling import systematic
 
 INDEPENDENT = {"remembered": 0.0, "freedom": 1e12, "correlation_s": 1e-3}
 """Errors of fixes as textbooks have them: Gaussian, each for itself."""
-EVERY = {"renewed": 0.0, "renewed_lost": 0.0, "scatter_m": 1e6, "centre": "mean"}
+EVERY = {"renewed": 0.0, "renewed_lost": 0.0, "astray_m": 1e6, "scatter_m": 1e6, "centre": "mean"}
 """Particles that never begin anew."""
 FIRST = Fix(t_ns=0, floor="F", xy=np.array([1.0, -2.0]), covariance=9.0 * np.eye(2))
 Tick = tuple[Motion, Fix | None]
