@@ -31,7 +31,7 @@ def curve(abscissa: Floats, error_m: Floats, width: float) -> Curve:
     kept = np.unique(bins)
     groups = [error_m[bins == b] for b in kept]
     return Curve(
-        middle=(kept + 0.5) * width,
+        middle=np.asarray((kept + 0.5) * width, dtype=np.float64),
         mean_m=np.array([float(np.mean(group)) for group in groups]),
         p75_m=np.array([float(np.percentile(group, 75)) for group in groups]),
         n=np.array([len(group) for group in groups], dtype=np.int64),

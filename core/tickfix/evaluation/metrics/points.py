@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -48,7 +49,7 @@ def waypoints(truth: Sequence[Truth]) -> TruthPoints:
     xy = np.array([waypoint.xy for waypoint in ordered]).reshape(-1, 2)
     floors = tuple(waypoint.floor for waypoint in ordered)
     moves = np.hypot(*np.diff(xy, axis=0).T) if len(xy) > 1 else np.zeros(0)
-    same = np.array([a == b for a, b in zip(floors, floors[1:], strict=False)], dtype=bool)
+    same = np.array([a == b for a, b in pairwise(floors)], dtype=bool)
     travelled_m = np.concatenate([np.zeros(min(1, len(xy))), np.cumsum(np.where(same, moves, 0.0))])
     t_ns = np.array([waypoint.t_ns for waypoint in ordered], dtype=np.int64)
     return TruthPoints(t_ns=t_ns, floors=floors, xy=xy, travelled_m=travelled_m)
@@ -72,8 +73,6 @@ def between_waypoints(truth: Sequence[Truth], every_s: float = EVERY_S) -> Truth
         floors += [leg.floor] * len(t_ns)
     t_ns = np.concatenate(times)
     # Nanoseconds since 1970 do not fit into a float.
-    since = (known.t_ns - known.t_ns[0]).astype(float) if len(known) else np.zeros(1)
-    travelled_m = (
-        np.interp((t_ns - known.t_ns[0]).astype(float), since, known.travelled_m) if len(t_ns) else np.zeros(0)
-    )
+    begin_ns = known.t_ns[:1]
+    travelled_m = np.interp(t_ns - begin_ns, known.t_ns - begin_ns, known.travelled_m) if len(t_ns) else np.zeros(0)
     return TruthPoints(t_ns=t_ns, floors=tuple(floors), xy=np.concatenate(places), travelled_m=travelled_m)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tickfix.api import TICK_NS, Floor
+from tickfix.api import Floor
 from tickfix.evaluation.metrics.availability import time_to_first_position_s
 from tickfix.evaluation.metrics.cost import Cost, Meter
 from tickfix.evaluation.metrics.smoothness import places, smoothness
@@ -128,7 +128,3 @@ def test_the_meter_charges_shared_stages_to_every_pipeline() -> None:
     assert meter.cost(one, 10).per_tick_us == pytest.approx(1.8)
     assert meter.cost(one, 10).per_fix_us == pytest.approx(3.0)
     assert (meter.cost(two, 0).per_tick_us, meter.cost(two, 1).per_fix_us) == (None, None)
-
-
-def test_ticks_are_two_hundred_milliseconds() -> None:
-    assert TICK_NS == S // 5
