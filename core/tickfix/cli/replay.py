@@ -11,18 +11,17 @@ from typing import Annotated
 
 import typer
 
-from tickfix.api import ConfigError, SiteError
-from tickfix.cli.output import print_json, progress, registry, stdout, warn, warn_of
+from tickfix.api import ConfigError
+from tickfix.cli.output import print_json, progress, registry, stdout, warn_of
 from tickfix.cli.repeating import repeat
 from tickfix.cli.sinks import Target, opened, sink_for
 from tickfix.cli.survey import ConfigFile, Seed
+from tickfix.cli.walks import chosen_walks, warn_untrained
 from tickfix.config import Config, load
-from tickfix.drivers.recordings import Source, find
-from tickfix.evaluation.run import Bench, WalkRun, Wishes, draw_errors, pool, prepare, run_walks, untrained
+from tickfix.drivers.recordings import Source
+from tickfix.evaluation.run import Bench, WalkRun, Wishes, draw_errors, pool, prepare, run_walks
 from tickfix.evaluation.tables import pooled_table, walk_table
-from tickfix.plugins import Registry
 from tickfix.site.folder import load as load_site
-from tickfix.site.site import Site
 
 
 class Start(StrEnum):
@@ -72,10 +71,8 @@ def replay(
     settings = configured(load(config, found), pipeline, seed, strict=strict)
     sink = None if out is None else Target(sink_for(out, found), out)
     surveyed = load_site(site)
-    sources = _sources(surveyed, walks or [], found, holdout=holdout)
-    for label in untrained(surveyed, settings):
-        again = "tickfix survey" if config is None else f"tickfix survey --config {config}"
-        warn(f"{label}: the site has no model for these parameters; it runs untrained. Survey again: {again} …")
+    sources = chosen_walks("replay", surveyed, walks or [], found, holdout=holdout)
+    warn_untrained(surveyed, settings, config)
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
     wishes = Wishes(start_known=start is Start.FIRST_WAYPOINT, pictures=pictures, estimates=sink is not None)
@@ -116,28 +113,3 @@ def configured(settings: Config, pipelines: list[str] | None, seed: int | None, 
     """Return the settings as the command line changes them."""
     kernel = replace(settings.kernel, strict=strict, seed=settings.kernel.seed if seed is None else seed)
     return replace(settings.only(pipelines) if pipelines else settings, kernel=kernel)
-
-
-def _sources(site: Site, walks: Sequence[Path], found: Registry, *, holdout: bool) -> tuple[Source, ...]:
-    if holdout and walks:
-        raise ConfigError("replay", "both WALKs and --holdout", "one of the two")
-    if not holdout and not walks:
-        raise ConfigError("replay", "no walks", "recordings after SITE, or --holdout")
-    if holdout and not site.held_out:
-        raise SiteError(f"site {site.name!r}: no walk was held out; survey again with --holdout 0.3")
-    files = find([held.file() for held in site.held_out] if holdout else walks, found)
-    warn_of(files.problems, "problems of readers")
-    names = [_stem(source.path) for source in files.sources]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ConfigError("replay", f"several walks called {twice[0]!r}", "walks with different names")
-    learnt = {track.walk for track in site.survey_tracks}
-    if known := [name for name in names if name in learnt]:
-        warn(
-            f"{known[0]}{' and others' if len(known) > 1 else ''}: part of the survey, which flatters the errors: "
-            "the site has learnt from it"
-        )
-    return files.sources
-
-
-def _stem(path: Path) -> str:
-    return path.name.removesuffix(".gz").rpartition(".")[0] or path.name

@@ -49,15 +49,38 @@ def survey_files(
     Raises:
         TickfixError: when no walk is left to survey.
     """
+    read = read_walks(sources, progress)
+    recordings = [recording for _, recording in read.walks]
+    surveyed = survey_walks(
+        recordings, read.floors, pipelines, name=name, holdout=holdout, seed=seed, progress=progress
+    )
+    return replace(surveyed, problems=(*read.problems, *surveyed.problems))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ReadWalks:
+    """Recordings with the plans of their floors, and what was wrong with some of them.
+
+    Attributes:
+        walks: those that could be read, in their order, each with where it came from.
+    """
+
+    walks: tuple[tuple[Source, Recording], ...]
+    floors: tuple[Floor, ...]
+    problems: tuple[str, ...]
+
+
+def read_walks(sources: Sequence[Source], progress: Progress = silent) -> ReadWalks:
+    """Read recordings and the plans of their floors; what cannot be read is left out and said so."""
     problems: list[str] = []
-    recordings: list[Recording] = []
+    walks: list[tuple[Source, Recording]] = []
     by_reader: defaultdict[str, list[Recording]] = defaultdict(list)
     readers = {source.name: source.reader for source in sources}
     for source, recording in zip(sources, read_all(sources, progress), strict=True):
         if isinstance(recording, ReaderError):
             problems.append(f"{recording}; it is left out")
             continue
-        recordings.append(recording)
+        walks.append((source, recording))
         by_reader[source.name].append(recording)
         problems += [f"{source.path}: {problem}" for problem in recording.problems]
     floors: list[Floor] = []
@@ -65,8 +88,7 @@ def survey_files(
         plans, broken = floors_of(readers[reader], mine)
         floors += plans
         problems += broken
-    surveyed = survey_walks(recordings, floors, pipelines, name=name, holdout=holdout, seed=seed, progress=progress)
-    return replace(surveyed, problems=(*problems, *surveyed.problems))
+    return ReadWalks(walks=tuple(walks), floors=tuple(floors), problems=tuple(problems))
 
 
 def survey_walks(
