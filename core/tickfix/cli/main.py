@@ -9,6 +9,7 @@ import typer
 
 import tickfix
 from tickfix.api import TickfixError
+from tickfix.cli.compare import compare
 from tickfix.cli.control import control
 from tickfix.cli.demo import demo
 from tickfix.cli.journal import app as journal_app
@@ -35,6 +36,7 @@ app.command()(demo)
 app.command()(survey)
 app.command()(replay)
 app.command()(reproduce)
+app.command()(compare)
 app.command()(serve)
 app.command()(send)
 app.command()(locate)
