@@ -8,6 +8,8 @@ A pipeline names its stages; parameters stand beside the name::
     filter      = { use = "fusion-pf", preset = "jiang2015", particles = 500 }
     map         = "walls"
 
+A list where a parameter takes one value makes several pipelines of one, see :mod:`tickfix.sweep`.
+
 An error says in which file, under which key, what was found and what is allowed.
 """
 
@@ -33,6 +35,7 @@ from tickfix.api.errors import ConfigError, PluginError
 from tickfix.api.site import Context
 from tickfix.kernel import KernelSettings, Pipeline, Stage
 from tickfix.plugins import Offer, Registry
+from tickfix.sweep import expand
 
 STAGES: Final = ("pdr", "fingerprint", "filter", "map")
 _SETTINGS: Final = {"seed": int, "horizon_s": float, "checkpoint_mb": float}
@@ -64,13 +67,20 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class PipelineConfig:
-    """A named choice of stages."""
+    """A named choice of stages.
+
+    Attributes:
+        table: the name in the file, which several pipelines of a sweep share.
+        swept: the parameters that vary within a sweep, with this pipeline's values.
+    """
 
     name: str
     filter: Choice
     pdr: Choice | None = None
     fingerprint: Choice | None = None
     map: Choice | None = None
+    table: str = ""
+    swept: tuple[tuple[str, Any], ...] = ()
 
     @property
     def choices(self) -> tuple[Choice, ...]:
@@ -113,15 +123,18 @@ class Config:
     def only(self, names: Iterable[str]) -> Config:
         """Return the configuration with just the pipelines named, in the order of the file.
 
+        The name of a table stands for all pipelines of its sweep.
+
         Raises:
             ConfigError: for a name that it does not have.
         """
         wanted = list(names)
         known = [p.name for p in self.pipelines]
+        tables = {p.table for p in self.pipelines}
         for name in wanted:
-            if name not in known:
+            if name not in known and name not in tables:
                 raise ConfigError("--pipeline", repr(name), _one_of(known, name))
-        return replace(self, pipelines=tuple(p for p in self.pipelines if p.name in wanted))
+        return replace(self, pipelines=tuple(p for p in self.pipelines if p.name in wanted or p.table in wanted))
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,9 +181,15 @@ def parse(text: str, where: str, registry: Registry) -> Config:
     pipelines = table.get("pipelines", {})
     if not isinstance(pipelines, dict) or not pipelines:
         raise ConfigError(f"{where}: pipelines", repr(pipelines), "at least one table [pipelines.NAME]")
+    checked: dict[str, PipelineConfig] = {}
+    for name, stages in pipelines.items():
+        for pipeline in _pipelines(f"{where}: pipelines.{name}", name, stages, registry):
+            if pipeline.name in checked:
+                raise ConfigError(f"{where}: pipelines", f"two pipelines called {pipeline.name!r}", "different names")
+            checked[pipeline.name] = pipeline
     return Config(
         KernelSettings(**values),
-        tuple(_pipeline(f"{where}: pipelines.{name}", name, stages, registry) for name, stages in pipelines.items()),
+        tuple(checked.values()),
         sections={name: table[name] for name in _SECTIONS if name in table},
         where=where,
         text=text,
@@ -245,11 +264,18 @@ def describe(cls: type[Any]) -> tuple[Field, ...]:
     return tuple(fields)
 
 
-def _pipeline(where: str, name: str, table: Any, registry: Registry) -> PipelineConfig:
+def _pipelines(where: str, name: str, table: Any, registry: Registry) -> list[PipelineConfig]:
     if not isinstance(table, dict):
         raise ConfigError(where, repr(table), f"a table with {', '.join(STAGES)}")
     _check_keys(where, "", table, STAGES)
-    choices = {kind: _choice(f"{where}.{kind}", kind, table[kind], registry) for kind in STAGES if kind in table}
+    variants = expand(where, name, table, registry)
+    return [replace(_pipeline(where, v.name, v.stages, registry), table=name, swept=v.swept) for v in variants]
+
+
+def _pipeline(where: str, name: str, table: Mapping[str, Any], registry: Registry) -> PipelineConfig:
+    choices: dict[str, Any] = {
+        kind: _choice(f"{where}.{kind}", kind, table[kind], registry) for kind in STAGES if kind in table
+    }
     if "filter" not in choices:
         raise ConfigError(where, "no filter", 'filter = { use = "NAME" }')
     if "pdr" not in choices and "fingerprint" not in choices:

@@ -166,6 +166,7 @@ def _provenance(terms: Terms, grounds: Sequence[Ground], folds: int | None, spar
         "versions": dict(versions(pipelines)),
         "code": {pipeline.name: code_digest(pipeline) for pipeline in pipelines},
         "pipelines": {pipeline.name: dict(settings_of(pipeline)) for pipeline in pipelines},
+        "sweeps": {p.name: {"table": p.table, "values": dict(p.swept)} for p in pipelines if p.swept},
         "seeds": list(terms.seeds),
         "start_known": terms.start_known,
         "horizon_s": terms.config.kernel.horizon_s,

@@ -1,5 +1,5 @@
 """The report of a comparison: one HTML page that needs no network, and the same as Markdown, JSON and CSV.
 
-``charts`` draws figures, ``plans`` walks on their floors; ``trouble`` says what went wrong on a walk; ``tables`` holds
-what page and Markdown both show; ``page`` and ``markdown`` put it together, ``folder`` writes it.
+``charts`` and ``sweeps`` draw figures, ``plans`` walks on their floors; ``trouble`` says what went wrong on a walk;
+``tables`` holds what page and Markdown both show; ``page`` and ``markdown`` put it together, ``folder`` writes it.
 """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -19,24 +18,16 @@ from tickfix.evaluation.comparison.points import Points, Scope
 from tickfix.evaluation.comparison.result import Result
 from tickfix.evaluation.metrics.curves import curve
 from tickfix.evaluation.pictures import draw_cdf
+from tickfix.evaluation.report.chart import Chart, quiet
+from tickfix.evaluation.report.sweeps import sweep_charts
 from tickfix.evaluation.style import INK, QUIET, Line, canvas, legend, lines, printable
 
 MOST_LINES: Final = 6
 """More lines than there are colours cannot be told apart: the baseline and the best are drawn."""
 
-_GRID: Final = "#e4e4e2"
 _FEWEST: Final = 5
 _TICKS_M: Final = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 _NOMINAL: Final = np.linspace(0.02, 0.98, 49)
-
-
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """A figure of the report."""
-
-    path: Path
-    title: str
-    caption: str
 
 
 def chosen(result: Result) -> tuple[str, ...]:
@@ -87,21 +78,15 @@ def draw_charts(result: Result, folder: Path) -> tuple[Chart, ...]:
         _curves(result, path, between, between.travelled_m, 10.0, "way since the first waypoint, m")
         charts.append(Chart(path, name, f"Mean (line) and third quartile (thin) every 10 m, {told}"))
     charts.append(_trust(result, everywhere, folder / "uncertainty.svg"))
-    return tuple(charts)
+    return (*charts, *sweep_charts(result, folder))
 
 
 @contextmanager
 def _axes(path: Path, size_in: tuple[float, float]) -> Iterator[tuple[Figure, Axes]]:
     with canvas(path, size_in) as figure:
         axes = figure.add_subplot()
-        _quiet(axes)
+        quiet(axes)
         yield figure, axes
-
-
-def _quiet(axes: Axes) -> None:
-    axes.grid(color=_GRID, linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _differences(result: Result, path: Path) -> Chart:
@@ -136,7 +121,7 @@ def _panels(path: Path, names: Sequence[str], draw: Callable[[Axes, str], None],
     with canvas(path, (columns * size_in[0], rows * size_in[1])) as figure:
         for i, name in enumerate(names, 1):
             axes = figure.add_subplot(rows, columns, i)
-            _quiet(axes)
+            quiet(axes)
             draw(axes, name)
             axes.set_title(printable(name))
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from tickfix.evaluation.comparison.points import Scope
 from tickfix.evaluation.comparison.result import Result
-from tickfix.evaluation.report.charts import Chart
+from tickfix.evaluation.report.chart import Chart
 from tickfix.evaluation.report.tables import (
     Table,
     comparison_table,

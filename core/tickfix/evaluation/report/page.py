@@ -11,7 +11,8 @@ from typing import Any, Final
 from tickfix.api import Floor
 from tickfix.evaluation.comparison.points import Scope
 from tickfix.evaluation.comparison.result import Result
-from tickfix.evaluation.report.charts import Chart, chosen, looks
+from tickfix.evaluation.report.chart import Chart
+from tickfix.evaluation.report.charts import chosen, looks
 from tickfix.evaluation.report.plans import plan_symbols, walk_pictures
 from tickfix.evaluation.report.tables import (
     Table,
