@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tickfix.api import TICK_NS, Belief, Estimate, Status
+from tickfix.api import TICK_NS, Belief, Estimate, Recording, Status, Truth
+from tickfix.drivers.replay import Replayed
+from tickfix.evaluation.comparison.outcome import outcomes
+from tickfix.evaluation.comparison.trial import Trial
+from tickfix.evaluation.coverage import Coverage
+from tickfix.evaluation.metrics.cost import Cost
 from tickfix.evaluation.track import Track
 
 Place = tuple[float, float] | None
@@ -44,5 +50,52 @@ def track_of() -> TrackOf:
         )
         times = [e.t_ns for e in estimates] if closed_ns is None else closed_ns
         return Track(pipeline=pipeline, device="phone", estimates=estimates, closed_ns=np.array(times, dtype=np.int64))
+
+    return build
+
+
+TrialOf = Callable[..., Trial]
+
+
+@pytest.fixture(scope="session")
+def trial_of(track_of: TrackOf) -> TrialOf:
+    """Give a function that makes a trial: a walk along x from 1 m, a metre a tick, a waypoint at every tick
+    or every n-th, tracks as told."""
+
+    def build(
+        walk: str,
+        *,
+        seed: int = 0,
+        ground: str = "site",
+        floor: str = "F1",
+        began_ns: int = 0,
+        every: int = 1,
+        **places: Sequence[Place],
+    ) -> Trial:
+        count = max(map(len, places.values()))
+        truth = [
+            Truth(t_ns=began_ns + k * TICK_NS, floor=floor, xy=np.array([float(k), 0.0]))
+            for k in range(1, count + 1, every)
+        ]
+        said = {
+            name: [
+                (replace(estimate, t_ns=began_ns + estimate.t_ns), began_ns + closed_ns)
+                for estimate, closed_ns in zip(track, track.closed_ns.tolist(), strict=True)
+            ]
+            for name, track in ((name, track_of(where, pipeline=name)) for name, where in places.items())
+        }
+        replayed = Replayed(
+            recording=Recording(name=walk, floor=floor, events=tuple(truth)),
+            published=said,
+            settled={name: [estimate for estimate, _ in pairs] for name, pairs in said.items()},
+            fixes={},
+            intake={"accepted": 10},
+            measurements={},
+            failures={},
+        )
+        costs = {name: Cost(filter_ns=2000 * count, ticks=count) for name in places}
+        surveyed = Coverage([("F1", np.array([[0.0, 0.0], [3.0, 0.0]]))])
+        kept = outcomes(replayed, costs, surveyed, {}, {"F1": 1})
+        return Trial(ground=ground, walk=walk, seed=seed, sha256=walk, path=walk, outcomes=kept)
 
     return build
