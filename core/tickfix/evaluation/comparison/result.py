@@ -140,7 +140,7 @@ def result_of(
         summary=_summary(trials),
         figures=figures,
         comparisons=tuple(_compared(points, baseline)),
-        grounds=tuple(_part(trials, ground, baseline) for ground in dict.fromkeys(t.ground for t in trials)),
+        grounds=_parts(trials, points[Scope.ALL], baseline),
         provenance=dict(provenance or {}),
     )
 
@@ -167,8 +167,15 @@ def _in_one(points: Points, scope: Scope, metric: str, baseline: str) -> tuple[C
     )
 
 
-def _part(trials: Sequence[Trial], ground: str, baseline: str) -> Part:
-    points = points_of(trials, Scope.ALL, [trial.ground == ground for trial in trials])
+def _parts(trials: Sequence[Trial], points: Points, baseline: str) -> tuple[Part, ...]:
+    grounds = list(dict.fromkeys(trial.ground for trial in trials))
+    if len(grounds) == 1:
+        return (_part(trials, grounds[0], points, baseline),)
+    apart = [points_of(trials, Scope.ALL, [trial.ground == ground for trial in trials]) for ground in grounds]
+    return tuple(_part(trials, ground, there, baseline) for ground, there in zip(grounds, apart, strict=True))
+
+
+def _part(trials: Sequence[Trial], ground: str, points: Points, baseline: str) -> Part:
     means = {name: scope_figures(said)["mean_m"] for name, said in points.said.items()}
     walks = len({trial.walk for trial in trials if trial.ground == ground})
     return Part(ground=ground, walks=walks, means_m=means, comparisons=_in_one(points, Scope.ALL, "mean", baseline))

@@ -56,7 +56,7 @@ def interval(
     c = paired.chains
     if c < 2:
         return Interval(difference_m=found)
-    drawn = rng.multinomial(c, np.full(c, 1.0 / c), size=replicates)
+    drawn = rng.multinomial(c, np.full(c, 1.0 / c), size=replicates).astype(np.int16)
     replicated: Floats = quantity.of(paired.pipeline_m, paired.chain, drawn) - quantity.of(
         paired.baseline_m, paired.chain, drawn
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,13 @@ from tickfix.api import Floats, Ints
 
 _BLOCK = 4_000_000
 
+Counts: TypeAlias = NDArray[np.integer[Any]]
+
 
 class Quantity(Protocol):
     """A figure of errors, metres."""
 
-    def of(self, errors_m: Floats, chain: Ints, weights: NDArray[np.int64]) -> Floats:
+    def of(self, errors_m: Floats, chain: Ints, weights: Counts) -> Floats:
         """Return the figure for each of r weightings.
 
         Args:
@@ -42,12 +44,14 @@ class Power:
 
     exponent: int
 
-    def of(self, errors_m: Floats, chain: Ints, weights: NDArray[np.int64]) -> Floats:
+    def of(self, errors_m: Floats, chain: Ints, weights: Counts) -> Floats:
         """Return (Σ w eᵖ / Σ w)^(1/p) by sums over chains."""
         chains = weights.shape[1]
         sums = np.bincount(chain, weights=errors_m**self.exponent, minlength=chains)
         sizes = np.bincount(chain, minlength=chains)
-        mean: Floats = (weights @ sums) / (weights @ sizes)
+        # Only matrices of floats are multiplied by BLAS; sizes stay exact.
+        totals = weights.astype(np.float64) @ np.stack([sums, sizes], axis=1)
+        mean: Floats = totals[:, 0] / totals[:, 1]
         return mean if self.exponent == 1 else mean ** (1.0 / self.exponent)
 
 
@@ -57,7 +61,7 @@ class Quantile:
 
     percent: float
 
-    def of(self, errors_m: Floats, chain: Ints, weights: NDArray[np.int64]) -> Floats:
+    def of(self, errors_m: Floats, chain: Ints, weights: Counts) -> Floats:
         """Return the value at index q·(Σw − 1) of the sorted errors, each repeated as often as it counts."""
         order = np.argsort(errors_m, kind="stable")
         ordered, chain = errors_m[order], chain[order]
@@ -65,7 +69,7 @@ class Quantile:
         blocks = [self._block(ordered, weights[i : i + rows][:, chain]) for i in range(0, len(weights), rows)]
         return np.concatenate(blocks)
 
-    def _block(self, ordered: Floats, weights: NDArray[np.int64]) -> Floats:
+    def _block(self, ordered: Floats, weights: Counts) -> Floats:
         reached = np.cumsum(weights, axis=1, dtype=np.int32)
         index = self.percent / 100.0 * (reached[:, -1] - 1)
         low = np.floor(index)
