@@ -18,6 +18,10 @@ from tickfix.config import PipelineConfig
 
 _APART: Final = (
     "cli/",
+    "client/",
+    "evaluation/comparison/points.py",
+    "evaluation/comparison/pooled.py",
+    "evaluation/comparison/result.py",
     "evaluation/report/",
     "evaluation/statistics/",
     "journal/",
