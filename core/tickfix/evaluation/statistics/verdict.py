@@ -73,5 +73,5 @@ def _needed(needed: int | None, walks: int, chains: int) -> str:
     if needed is None or needed > _MANY:
         return "no number of walks would tell so small a difference"
     if needed <= walks:
-        return "it is borderline: about as many walks again should settle it"
+        return "it is borderline, more walks like these may settle it"
     return f"to tell a difference of this size about {needed} walks would be needed"
