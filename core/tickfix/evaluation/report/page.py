@@ -98,8 +98,8 @@ def _verdicts(result: Result) -> str:
         parts.append("<p>At the waypoints covered by the survey:</p>" + _items(result, Scope.COVERED))
     note = (
         "Differences are pipeline less baseline. Intervals and tests take chains of walks as a whole; p is corrected "
-        f"for the {len(result.verdicts())} pipelines compared (Holm). The first list decides; it is about the "
-        f"{result.metric}."
+        f"for {len(result.verdicts())} {'pipeline' if len(result.verdicts()) == 1 else 'pipelines'} compared (Holm). "
+        f"The verdict is about the {result.metric} over all scored waypoints."
     )
     return "".join(parts) + f'<p class="note">{escape(note)}</p>'
 
