@@ -246,4 +246,4 @@ def _any_floors(walk: WorstWalk) -> set[str]:
 
 
 def _dashes(dashes: Any) -> str:
-    return "" if dashes == "solid" else " ".join(f"{2 * d:g}" for d in dashes[1])
+    return "none" if dashes == "solid" else " ".join(f"{2 * d:g}" for d in dashes[1])

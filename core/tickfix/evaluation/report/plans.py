@@ -12,7 +12,7 @@ from tickfix.api import Floats, Floor
 from tickfix.evaluation.comparison.outcome import Outcome
 from tickfix.evaluation.plan import crop
 from tickfix.evaluation.report.trouble import WorstWalk
-from tickfix.evaluation.style import Line
+from tickfix.evaluation.style import INK, Line
 
 _WIDE_PX: Final = 620.0
 _TALL_PX: Final = 460.0
@@ -23,9 +23,9 @@ def plan_symbols(floors: Mapping[tuple[str, str], Floor]) -> str:
     """Return one hidden SVG that defines the plan of every floor, metres with y pointing up."""
     symbols = [
         f'<g id="{_plan_id(floors, key)}">'
-        f'<path class="floor" d="{_rings(floor.outline)}"/>'
-        f'<path class="obstacle" d="{_rings(floor.obstacles)}"/>'
-        f'<path class="wall" d="{_segments(floor.walls)}"/></g>'
+        f'<path fill="#f5f5f3" fill-rule="evenodd" stroke="#bcbcb8" d="{_rings(floor.outline)}"/>'
+        f'<path fill="#e5e5e2" stroke="#bcbcb8" d="{_rings(floor.obstacles)}"/>'
+        f'<path fill="none" stroke="#8f8f8b" d="{_segments(floor.walls)}"/></g>'
         for key, floor in floors.items()
     ]
     return f'<svg width="0" height="0" aria-hidden="true" class="defs"><defs>{"".join(symbols)}</defs></svg>'
@@ -62,28 +62,34 @@ def _picture(
     wide, tall = (high - low).tolist()
     scale = min(_WIDE_PX / wide, _TALL_PX / tall)
     px = 1.0 / scale
-    parts = [f'<use href="#{plan}"/>'] if plan else []
-    parts.append(f'<polyline class="truth" points="{_points(truth)}"/>')
+    # Widths are in metres, so that a picture taken out of the page keeps its looks.
+    parts = [f'<use href="#{plan}" stroke-width="{0.7 * px:.3f}"/>'] if plan else []
+    parts.append(
+        f'<polyline points="{_points(truth)}" fill="none" stroke="{INK}" stroke-width="{px:.3f}" '
+        f'stroke-dasharray="{5 * px:.3f} {3 * px:.3f}"/>'
+    )
     for name, xy in ways.items():
         look = looks[name]
-        dashes = "" if look.dashes == "solid" else " ".join(f"{2 * d:g}" for d in look.dashes[1])
+        dashes = "none" if look.dashes == "solid" else " ".join(f"{2 * d * px:.3f}" for d in look.dashes[1])
         parts.append(
-            f'<polyline class="track" points="{_points(xy)}" stroke="{look.color}" stroke-width="{1.2 * look.width:g}" '
-            f'stroke-dasharray="{dashes}"><title>{escape(name)}</title></polyline>'
+            f'<polyline points="{_points(xy)}" fill="none" stroke="{look.color}" '
+            f'stroke-width="{1.2 * look.width * px:.3f}" stroke-dasharray="{dashes}">'
+            f"<title>{escape(name)}</title></polyline>"
         )
-    parts += [f'<circle class="point" cx="{x:.2f}" cy="{-y:.2f}" r="{3 * px:.3f}"/>' for x, y in truth.tolist()]
+    parts += [f'<circle fill="{INK}" cx="{x:.2f}" cy="{-y:.2f}" r="{3 * px:.3f}"/>' for x, y in truth.tolist()]
     if len(truth):
         x, y = truth[0].tolist()
-        parts.append(f'<circle class="start" cx="{x:.2f}" cy="{-y:.2f}" r="{7 * px:.3f}"/>')
+        ring = f'fill="none" stroke="{INK}" stroke-width="{px:.3f}"'
+        parts.append(f'<circle {ring} cx="{x:.2f}" cy="{-y:.2f}" r="{8 * px:.3f}"/>')
     for (x, y), look in marks:
         side = 12 * px
         parts.append(
-            f'<rect class="worst" x="{x - side / 2:.2f}" y="{-y - side / 2:.2f}" width="{side:.3f}" '
-            f'height="{side:.3f}" stroke="{look.color}"/>'
+            f'<rect x="{x - side / 2:.2f}" y="{-y - side / 2:.2f}" width="{side:.3f}" height="{side:.3f}" '
+            f'fill="none" stroke="{look.color}" stroke-width="{2.2 * px:.3f}"/>'
         )
     bar = next((b for b in _BARS_M if b < 0.3 * wide), _BARS_M[-1])
     x, y = low[0] + 0.03 * wide, -low[1] - 0.04 * tall
-    parts.append(f'<path class="bar" d="M{x:.2f} {y:.2f}h{bar:g}"/>')
+    parts.append(f'<path stroke="{INK}" stroke-width="{2 * px:.3f}" d="M{x:.2f} {y:.2f}h{bar:g}"/>')
     parts.append(f'<text x="{x:.2f}" y="{y - 4 * px:.2f}" font-size="{11 * px:.3f}">{bar:g} m</text>')
     box = f"{low[0]:.2f} {-high[1]:.2f} {wide:.2f} {tall:.2f}"
     size = f'width="{wide * scale:.0f}" height="{tall * scale:.0f}"'

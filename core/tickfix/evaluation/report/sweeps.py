@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from tickfix.api import Floats
 from tickfix.evaluation.comparison.points import Scope
@@ -16,7 +17,6 @@ from tickfix.evaluation.style import INK, QUIET, canvas, printable
 
 _SEQUENTIAL: Final = "cividis"
 """Made for the colour-blind: J. Nuñez, C. Anderton, R. Renslow (2018)."""
-_NAMED: Final = 12
 
 
 def sweep_charts(result: Result, folder: Path) -> tuple[Chart, ...]:
@@ -76,7 +76,7 @@ def _line(result: Result, table: str, label: str, pipelines: Mapping[str, Mappin
         elif at.min() > 0 and at.max() / at.min() >= 8:
             axes.set_xscale("log")
             axes.set_xticks(at, [f"{value:g}" for value in at], minor=False)
-            axes.set_xticks([], minor=True)
+            axes.xaxis.set_minor_locator(NullLocator())
         axes.set(xlabel=printable(label), ylabel="mean error, m")
         axes.legend()
     return Chart(path, f"Sweep of {table}", f"Mean error by {label}.")
@@ -127,11 +127,25 @@ def _front(result: Result, path: Path) -> Chart:
             markersize=4.5,
             drawstyle="steps-post",
         )
-        for i in range(len(names)) if len(names) <= _NAMED else front:
+        for i in _named(cost, error, front):
             axes.annotate(printable(names[i]), (cost[i], error[i]), (4, 3), textcoords="offset points", fontsize=7)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
         axes.set(xlabel="processor time per tick, µs", ylabel="mean error, m")
-    caption = "The line joins the pipelines that no other beats in both."
+    caption = "The line joins the pipelines that no other beats in both; where names would overlap, some are left out."
     return Chart(path, "Error against cost", caption)
+
+
+def _named(cost: Sequence[float], error: Sequence[float], front: Sequence[int]) -> list[int]:
+    """Return the points to name: the front, and others whose names do not lie on one another."""
+    across = np.log(np.array(cost)) / max(1e-9, float(np.ptp(np.log(np.array(cost)))))
+    up = np.array(error) / max(1e-9, float(np.ptp(np.array(error))))
+    named = list(front)
+    for i in range(len(cost)):
+        if i not in named and all(abs(across[i] - across[j]) > 0.35 or abs(up[i] - up[j]) > 0.07 for j in named):
+            named.append(i)
+    return named
 
 
 def _ordered(values: Sequence[Any]) -> list[Any]:

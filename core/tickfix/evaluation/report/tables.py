@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from tickfix.evaluation.comparison.points import Scope
 from tickfix.evaluation.comparison.result import Result
+from tickfix.evaluation.statistics.bootstrap import Interval
 from tickfix.evaluation.statistics.comparison import Comparison
 
 _Show = Callable[[Any], str]
@@ -33,6 +34,11 @@ class Table:
 def metres(value: float | None) -> str:
     """Return metres with two digits, a dash for none."""
     return "–" if value is None else f"{value:.2f}"
+
+
+def signed(value: float) -> str:
+    """Return metres with their sign and two digits."""
+    return f"{value:+.2f}".replace("-", "−")
 
 
 def percent(value: float | None) -> str:
@@ -128,14 +134,13 @@ def comparison_table(comparisons: Sequence[Comparison], caption: str) -> Table:
     rows = []
     for c in comparisons:
         i = c.interval
-        span = "–" if i.low_m is None or i.high_m is None else f"{i.low_m:+.2f} … {i.high_m:+.2f}"
         rows.append(
             (
                 c.pipeline,
                 c.metric,
                 c.scope,
-                f"{i.difference_m:+.2f}",
-                span,
+                signed(i.difference_m),
+                _span(i),
                 f"{c.p_single:.4f}",
                 f"{c.p:.4f}",
                 c.answer.value,
@@ -154,9 +159,8 @@ def ground_table(result: Result) -> Table:
         found = {c.pipeline: c for c in part.comparisons}
         for name in result.pipelines:
             c = found.get(name)
-            low, high = (None, None) if c is None else (c.interval.low_m, c.interval.high_m)
-            span = "–" if low is None or high is None else f"{low:+.2f} … {high:+.2f}"
-            difference = "baseline" if c is None else f"{c.interval.difference_m:+.2f}"
+            span = "" if c is None else _span(c.interval)
+            difference = "baseline" if c is None else signed(c.interval.difference_m)
             rows.append((part.ground, str(part.walks), name, metres(part.means_m[name]), difference, span))
     columns = ("site", "walks", "pipeline", "mean", "difference", "95 % CI")
     caption = f"Mean error in metres by site, and its difference from {result.baseline}"
@@ -175,6 +179,12 @@ def digest_table(result: Result) -> Table:
     rows = tuple((name, p.published, p.settled) for name, p in result.summary.pipelines.items())
     caption = "SHA-256 of all tracks, published and settled: the same again on the same machine"
     return Table(caption=caption, columns=("pipeline", "published", "settled"), rows=rows)
+
+
+def _span(interval: Interval) -> str:
+    if interval.low_m is None or interval.high_m is None:
+        return "–"
+    return f"{signed(interval.low_m)} … {signed(interval.high_m)}"
 
 
 def _figures(

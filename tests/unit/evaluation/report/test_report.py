@@ -188,7 +188,7 @@ def test_a_sweep_gets_its_curve_its_heat_map_and_the_front(trial_of: Any, tmp_pa
     text = (tmp_path / "report.md").read_text("utf-8")
     assert "Mean error in metres at all scored waypoints; the least is bold." in text
     assert "Mean error by n." in text
-    assert "The line joins the pipelines that no other beats in both." in text
+    assert "The line joins the pipelines that no other beats in both;" in text
     drawn = chosen(result)
     assert len(drawn) == MOST_LINES
     assert drawn[0] == "f[k=1, q=0.5]"  # the baseline, though it is not among the best
