@@ -16,6 +16,7 @@ from tickfix.cli.replay import PipelineNames, Start, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.cli.walks import chosen_walks, warn_untrained
 from tickfix.config import Config, load
+from tickfix.drivers.live.recorded import journaled_config, journaled_site, write_walks
 from tickfix.drivers.recordings import Progress, find
 from tickfix.drivers.surveying import read_walks
 from tickfix.evaluation.comparison.folds import SPARE, fold_grounds
@@ -31,15 +32,19 @@ from tickfix.site.folder import load as load_site
 from tickfix.site.manifest import is_site
 
 _OUTCOMES = "outcomes"
+_WALKS = "walks"
 
 
 def compare(
     places: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(metavar="SITE… [WALK…]", help="Folders that `tickfix survey` made; recordings to run on one."),
-    ],
+    ] = None,
     *,
     report: Annotated[Path, typer.Option("--report", metavar="DIR", help="Folder for report and outcomes.")],
+    journal: Annotated[
+        Path | None, typer.Option("--journal", metavar="PATH", help="Run what a live run took in, on its site.")
+    ] = None,
     holdout: Annotated[bool, typer.Option("--holdout", help="Run the walks that the surveys held out.")] = False,
     crossvalidate: Annotated[
         int | None,
@@ -70,7 +75,11 @@ def compare(
 ) -> None:
     """Compare pipelines on the same walks: how much better, how surely, where, and at what cost."""
     found = registry()
-    settings = configured(load(config, found), pipeline, seed, strict=strict)
+    loaded = load(config, found) if journal is None or config is not None else journaled_config(journal, found)
+    settings = configured(loaded, pipeline, seed, strict=strict)
+    places = list(places or [])
+    if journal is not None:
+        places = [*(places or [journaled_site(journal)]), *write_walks(journal, report / _WALKS)]
     names = [p.name for p in settings.pipelines]
     against = _among("--baseline", baseline or names[0], names)
     _among("--metric", metric, METRICS)
