@@ -304,7 +304,7 @@ def test_a_flood_and_garbage_from_one_cost_the_others_nothing(lab: Lab, walks: l
     sent = outcome(lab.send(engine, *walks, "--speed", "6"))
     stop.set()
     thread.join(PATIENCE_S)
-    assert sent["unknown"] == 0
+    assert sent["unknown"] == 0, sent
     assert not {"busy", "throttled"} & set(sent["outcomes"]), "a flood from one was held against another"
     with engine.control() as control:
         outcomes = adds_up(control)

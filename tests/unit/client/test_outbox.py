@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tickfix.client.outbox import WINDOW, Outbox
 from tickfix.kernel.intake import _REMEMBERED, Sequence
-from tickfix.ports.hub import _QUEUED
+from tickfix.ports.opening import _QUEUED
 
 PAGE = Path(__file__).parents[3] / "docs" / "wire-protocol.md"
 

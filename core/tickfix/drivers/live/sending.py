@@ -14,7 +14,7 @@ import zmq
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Recording, Scan, Truth
 from tickfix.client import Keys, Sensor
 
-_PATIENCE_S: Final = 10.0
+_PATIENCE_S: Final = 60.0
 _LULL_S: Final = 0.02
 _WINDOW: Final = 2_000
 """Messages of a device that may wait for their acknowledgement before it pauses."""
