@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import typing
+from functools import lru_cache
 from typing import Any, Final, TypeVar
 
 import msgpack
@@ -18,6 +19,7 @@ T = TypeVar("T")
 _ARRAY: Final = 1
 _DATACLASS: Final = 2
 _DTYPES: Final = frozenset("biuf")
+_SIMPLE: Final = frozenset({float, int, bool, str, bytes, type(None)})
 
 
 def pack(state: Any) -> bytes:
@@ -61,13 +63,22 @@ def unpack(data: bytes, like: type[T]) -> T:
 
 def nbytes(state: Any) -> int:
     """Return roughly how much memory ``state`` holds: its arrays and 64 bytes for every other value."""
+    kind = state.__class__
+    if kind in _SIMPLE:
+        return 64
     if isinstance(state, np.ndarray):
         return int(state.nbytes) + 96
-    if dataclasses.is_dataclass(state):
-        return 64 + sum(nbytes(getattr(state, f.name)) for f in dataclasses.fields(state))
+    if (names := field_names(kind)) is not None:
+        return 64 + sum([nbytes(getattr(state, name)) for name in names])
     if isinstance(state, tuple):
-        return 64 + sum(nbytes(item) for item in state)
+        return 64 + sum([nbytes(item) for item in state])
     return 64
+
+
+@lru_cache(maxsize=1024)
+def field_names(cls: type[Any]) -> tuple[str, ...] | None:
+    """Return the names of a dataclass's fields, None for another class; states are walked at every tick."""
+    return tuple(f.name for f in dataclasses.fields(cls)) if dataclasses.is_dataclass(cls) else None
 
 
 def _reduce(value: Any) -> Any:
@@ -80,8 +91,8 @@ def _reduce(value: Any) -> Any:
         return msgpack.ExtType(_ARRAY, msgpack.packb([little.dtype.str, list(value.shape), little.tobytes()]))
     if isinstance(value, tuple):
         return [_reduce(item) for item in value]
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = [_reduce(getattr(value, f.name)) for f in dataclasses.fields(value)]
+    if (names := field_names(value.__class__)) is not None:
+        fields = [_reduce(getattr(value, name)) for name in names]
         return msgpack.ExtType(_DATACLASS, msgpack.packb([type(value).__qualname__, *fields], use_bin_type=True))
     if isinstance(value, np.generic):
         return value.item()

@@ -13,9 +13,10 @@ from tickfix.kernel.fold import Fold, earliest
 from tickfix.kernel.moving import MotionFold, Moved
 from tickfix.kernel.observing import ObservationFold, Observed, Question, Sighted
 from tickfix.kernel.randomness import Streams
+from tickfix.kernel.samples import tick_of
 from tickfix.kernel.snapshot import EpochSnapshot, FoldSnapshot
 from tickfix.kernel.stages import Caller, Pipeline
-from tickfix.kernel.timeline import Timeline, tick_of
+from tickfix.kernel.timeline import Timeline
 from tickfix.kernel.tracker import Carried, Tracker, external, revised
 
 S = TypeVar("S")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from tickfix.api.packing import nbytes
 
@@ -87,23 +87,29 @@ class Fold(Generic[S, O]):
 
     def again(self, tick: int) -> int:
         """Return the first tick to fold again after a rewind to ``tick``."""
+        if tick - 1 in self._checkpoints:
+            return tick
         return max((k for k in self._checkpoints if k < tick), default=min(self._checkpoints)) + 1
 
     def forget(self, tick: int) -> int:
         """Drop checkpoints that no rewind to ``tick`` or later needs; return the first tick to fold again."""
         again = self.again(tick)
-        for k in [k for k in self._checkpoints if k < again - 1]:
-            del self._checkpoints[k]
+        _drop_before(again - 1, self._checkpoints)
         return again
 
     def drop_outputs(self, tick: int) -> None:
         """Drop the outputs before ``tick``."""
-        for k in [k for k in self.outputs if k < tick]:
-            del self.outputs[k]
+        _drop_before(tick, self.outputs)
 
     def _thin(self, state: S) -> None:
         affordable = max(1, self._budget_bytes // max(1, nbytes(state)))
         self._stride = min(self._horizon, -(-self._horizon // affordable)) or 1
+
+
+def _drop_before(tick: int, ticks: dict[int, Any]) -> None:
+    """Drop what stands before ``tick`` in a mapping whose keys ascend."""
+    while ticks and (first := next(iter(ticks))) < tick:
+        del ticks[first]
 
 
 def earliest(*ticks: int | None) -> int | None:

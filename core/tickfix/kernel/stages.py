@@ -6,13 +6,12 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
 
 from tickfix.api.errors import PluginError
-from tickfix.api.packing import pack, unpack
+from tickfix.api.packing import field_names, pack, unpack
 from tickfix.api.values import Belief, Component, Motion, Observation, Report
 
 
@@ -203,15 +202,8 @@ def has_nan(state: Any) -> bool:
     if isinstance(state, np.ndarray):
         return state.dtype.kind == "f" and bool(np.isnan(state).any())
     if isinstance(state, tuple):
-        return any(has_nan(item) for item in state)
-    if dataclasses.is_dataclass(state) and not isinstance(state, type):
-        return any(has_nan(getattr(state, name)) for name in _field_names(type(state)))
-    return False
-
-
-@lru_cache(maxsize=256)
-def _field_names(cls: type[Any]) -> tuple[str, ...]:
-    return tuple(f.name for f in dataclasses.fields(cls))
+        return any(map(has_nan, state))
+    return any(has_nan(getattr(state, name)) for name in field_names(state.__class__) or ())
 
 
 _MOTION_NUMBERS: Final = tuple(f.name for f in dataclasses.fields(Motion) if f.name not in ("steps", "stationary"))

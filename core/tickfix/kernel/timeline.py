@@ -14,11 +14,13 @@ from typing import Final
 
 import numpy as np
 
+from tickfix.api.arrays import Floats, Ints
 from tickfix.api.events import SENSORS, TICK_NS, Event, Fix, MotionSamples, Samples, Scan
 from tickfix.api.values import Readings, Window
 from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
 from tickfix.kernel.intake import Outcome
-from tickfix.kernel.measurements import Item, Row, explode, fix_order, rows_of, scan_order
+from tickfix.kernel.measurements import Item, explode, fix_order, rows_of, scan_order
+from tickfix.kernel.samples import TickSamples, by_tick, is_increasing, tick_of
 from tickfix.kernel.snapshot import StreamSnapshot, TimelineSnapshot
 from tickfix.kernel.windows import RecentScans
 
@@ -26,16 +28,11 @@ _ACTIVE_NS: Final = 1_000_000_000
 _MOTION: Final = frozenset(SENSORS) - {"pressure"}
 
 
-def tick_of(t_ns: int) -> int:
-    """Return the tick that closes the interval holding ``t_ns``: the smallest k with k·200 ms ≥ t."""
-    return -(-t_ns // TICK_NS)
-
-
 @dataclass(slots=True)
 class Interval:
     """What was measured within one tick."""
 
-    samples: dict[str, dict[int, Row]] = field(default_factory=dict)
+    samples: dict[str, TickSamples] = field(default_factory=dict)
     scans: list[Scan] = field(default_factory=list)
     fixes: list[Fix] = field(default_factory=list)
 
@@ -84,7 +81,7 @@ class Timeline:
 
     def insert(self, event: Event) -> Insertion:
         """Insert what can be used of an event (any but truth) and say what became of it."""
-        before = self._counts.copy()
+        before = dict(self._counts)
         if isinstance(event, MotionSamples) and self._insert_in_one_go(event):
             return Insertion(self._outcome(before))
         items = list(explode(event, self._counts))
@@ -148,9 +145,7 @@ class Timeline:
         interval = self._intervals.get(tick)
         sensors: dict[str, Samples] = {}
         if interval is not None:
-            for name in sorted(interval.samples):
-                rows = sorted(interval.samples[name].items())
-                sensors[name] = Samples(np.array([t for t, _ in rows], np.int64), np.array([row for _, row in rows]))
+            sensors = {name: interval.samples[name].ordered() for name in sorted(interval.samples)}
         return MotionSamples(sensors=sensors, t0_ns=(tick - 1) * TICK_NS, t1_ns=tick * TICK_NS)
 
     def scans(self, tick: int) -> list[Scan]:
@@ -182,19 +177,19 @@ class Timeline:
 
     def snapshot(self) -> TimelineSnapshot:
         """Return what is kept, as a value."""
-        rows: dict[str, list[tuple[int, Row]]] = {}
+        found: dict[str, list[Samples]] = {}
         fixes: list[Fix] = []
         for tick in sorted(self._intervals):
             fixes += self._intervals[tick].fixes
             for name, samples in self._intervals[tick].samples.items():
-                rows.setdefault(name, []).extend(samples.items())
+                found.setdefault(name, []).append(samples.ordered())
         return TimelineSnapshot(
             first=self.first,
             closed=self.closed,
             since=self._since,
             streams=tuple(
-                StreamSnapshot(name, np.array([t for t, _ in found], np.int64), np.array([row for _, row in found]))
-                for name, found in sorted(rows.items())
+                StreamSnapshot(name, np.concatenate([s.t_ns for s in kept]), np.concatenate([s.values for s in kept]))
+                for name, kept in sorted(found.items())
             ),
             scans=self._scans.kept,
             fixes=tuple(fixes),
@@ -207,8 +202,12 @@ class Timeline:
         self._clock.restore(kept.clock)
         self._scans = RecentScans(kept.scans)
         for stream in kept.streams:
+            if is_increasing(stream.t_ns):
+                for tick, begin, end in by_tick(stream.t_ns):
+                    self._samples(tick, stream.stream).extend(stream.t_ns[begin:end], stream.rows[begin:end])
+                continue
             for t_ns, row in zip(stream.t_ns.tolist(), rows_of(stream.rows), strict=True):
-                self._interval(tick_of(t_ns)).samples.setdefault(stream.stream, {})[t_ns] = row
+                self._samples(tick_of(t_ns), stream.stream).put(t_ns, row)
         for fix in kept.fixes:
             self._interval(tick_of(fix.t_ns)).fixes.append(fix)
         for scan in kept.scans:
@@ -223,18 +222,27 @@ class Timeline:
             interval = self._intervals[tick] = Interval()
         return interval
 
+    def _samples(self, tick: int, stream: str) -> TickSamples:
+        sensors = self._interval(tick).samples
+        samples = sensors.get(stream)
+        if samples is None:
+            samples = sensors[stream] = TickSamples()
+        return samples
+
     @property
     def _limit_ns(self) -> int | None:
         if self.closed is not None:
             return self.closed * TICK_NS - self._horizon_ns
         return None if self._clock.latest_ns is None else self._clock.latest_ns - self._horizon_ns
 
-    def _outcome(self, before: Counter[str]) -> Outcome:
-        new = self._counts - before
-        if new["accepted"] or new["held"]:
+    def _outcome(self, before: dict[str, int]) -> Outcome:
+        def grew(count: str) -> bool:
+            return self._counts.get(count, 0) > before.get(count, 0)
+
+        if grew("accepted") or grew("held"):
             return Outcome.ACCEPTED
         for outcome in (Outcome.LATE, Outcome.DUPLICATE, Outcome.STALE):
-            if new[outcome.value]:
+            if grew(outcome.value):
                 return outcome
         return Outcome.MALFORMED
 
@@ -243,17 +251,41 @@ class Timeline:
         reach_ns, limit_ns = self._clock.reach_ns, self._limit_ns
         if reach_ns is None or limit_ns is None or self._clock.holds:
             return False
-        for samples in batch.sensors.values():
-            if len(samples) == 0:
+        ordered = [is_increasing(samples.t_ns) for samples in batch.sensors.values()]
+        for samples, in_order in zip(batch.sensors.values(), ordered, strict=True):
+            t_ns = samples.t_ns
+            if len(t_ns) == 0:
                 continue
-            if samples.t_ns.min() < max(limit_ns, 0) or samples.t_ns.max() > reach_ns:
+            oldest_ns, newest_ns = (t_ns[0], t_ns[-1]) if in_order else (t_ns.min(), t_ns.max())
+            if oldest_ns < max(limit_ns, 0) or newest_ns > reach_ns or not np.isfinite(samples.values).all():
                 return False
-            if not np.isfinite(samples.values).all():
-                return False
-        for name, samples in batch.sensors.items():
-            for t_ns, row in zip(samples.t_ns.tolist(), rows_of(samples.values), strict=True):
-                self._insert(Item(t_ns, name, row))
+        for (name, samples), in_order in zip(batch.sensors.items(), ordered, strict=True):
+            if in_order:
+                # Copies: those of the message go with it, and there are no negative zeros, see rows_of.
+                self._insert_ordered(name, samples.t_ns.copy(), samples.values + 0.0)
+            else:
+                for t_ns, row in zip(samples.t_ns.tolist(), rows_of(samples.values), strict=True):
+                    self._insert(Item(t_ns, name, row))
         return True
+
+    def _insert_ordered(self, stream: str, t_ns: Ints, rows: Floats) -> None:
+        """Insert samples of one sensor in increasing time, as inserting one by one would."""
+        for tick, begin, end in by_tick(t_ns):
+            self._counts["dropped"] += self._clock.follow(int(t_ns[end - 1]), stream)
+            n_new, changed = self._samples(tick, stream).extend(t_ns[begin:end], rows[begin:end])
+            if changed:
+                self.changes.motion = tick if self.changes.motion is None else min(tick, self.changes.motion)
+            self._count(n_new, end - begin, tick)
+
+    def _count(self, n_new: int, n: int, tick: int) -> None:
+        """Count ``n`` measurements of a tick, so many of which were new, and take note of the tick."""
+        if n_new < n:
+            self._counts["duplicate"] += n - n_new
+        if n_new:
+            late = self.closed is not None and tick <= self.closed
+            self._counts["late" if late else "accepted"] += n_new
+        if self.first is None or tick < self.first:
+            self.first = tick
 
     def _insert_held(self, released: list[Held]) -> None:
         """Insert what was held, unless a driver has closed the ticks beyond it while it waited."""
@@ -267,28 +299,15 @@ class Timeline:
     def _insert(self, item: Item) -> None:
         tick = tick_of(item.t_ns)
         self._counts["dropped"] += self._clock.follow(item.t_ns, item.stream)
-        interval = self._interval(tick)
         if isinstance(item.content, Scan):
-            is_new = self._insert_scan(interval, item.content, tick)
+            is_new = self._insert_scan(self._interval(tick), item.content, tick)
         elif isinstance(item.content, Fix):
-            is_new = self._insert_fix(interval, item.content, tick)
+            is_new = self._insert_fix(self._interval(tick), item.content, tick)
         else:
-            is_new = self._insert_row(interval, item, tick)
-        if not is_new:
-            self._counts["duplicate"] += 1
-        else:
-            late = self.closed is not None and tick <= self.closed
-            self._counts["late" if late else "accepted"] += 1
-        if self.first is None or tick < self.first:
-            self.first = tick
-
-    def _insert_row(self, interval: Interval, item: Item, tick: int) -> bool:
-        rows = interval.samples.setdefault(item.stream, {})
-        present = rows.get(item.t_ns)
-        if present is None or item.content < present:
-            rows[item.t_ns] = item.content
-            self.changes.motion = tick if self.changes.motion is None else min(tick, self.changes.motion)
-        return present is None
+            is_new, changed = self._samples(tick, item.stream).put(item.t_ns, item.content)
+            if changed:
+                self.changes.motion = tick if self.changes.motion is None else min(tick, self.changes.motion)
+        self._count(int(is_new), 1, tick)
 
     def _insert_scan(self, interval: Interval, scan: Scan, tick: int) -> bool:
         order = scan_order(scan)

@@ -10,7 +10,8 @@ from streams import MS, T0, S, sample, scan
 
 from tickfix.api import TICK_NS, Fix, MotionSamples, Pressure, Samples, Scan, Window
 from tickfix.kernel.intake import Outcome
-from tickfix.kernel.timeline import Timeline, tick_of
+from tickfix.kernel.samples import tick_of
+from tickfix.kernel.timeline import Timeline
 
 
 @pytest.fixture

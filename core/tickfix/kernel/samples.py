@@ -1,0 +1,86 @@
+"""One sensor's samples within one tick: one row per instant, whatever the order and the batches they came in."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+
+import numpy as np
+
+from tickfix.api.arrays import Floats, Ints
+from tickfix.api.events import TICK_NS, Samples
+from tickfix.kernel.measurements import Row, rows_of
+
+
+def tick_of(t_ns: int) -> int:
+    """Return the tick that closes the interval holding ``t_ns``: the smallest k with k·200 ms ≥ t."""
+    return -(-t_ns // TICK_NS)
+
+
+def is_increasing(t_ns: Ints) -> bool:
+    """Tell whether every time is later than the one before."""
+    return bool((t_ns[1:] > t_ns[:-1]).all())
+
+
+def by_tick(t_ns: Ints) -> Iterator[tuple[int, int, int]]:
+    """Yield the ticks of increasing times, and where the times of each begin and end."""
+    times = t_ns.tolist()
+    begin = 0
+    while begin < len(times):
+        tick = tick_of(times[begin])
+        end = bisect_right(times, tick * TICK_NS, begin)
+        yield tick, begin, end
+        begin = end
+
+
+class TickSamples:
+    """Samples of one sensor, (n,) instants and (n, c) rows; of two rows at an instant the smaller one stands.
+
+    What comes in order is kept in the arrays that brought it. What does not turns them into a mapping, which takes
+    anything and is put in order when it is read.
+    """
+
+    __slots__ = ("_last_ns", "_loose", "_pieces")
+
+    def __init__(self) -> None:
+        """Begin empty."""
+        self._pieces: list[tuple[Ints, Floats]] = []
+        self._last_ns = -1
+        self._loose: dict[int, Row] | None = None
+
+    def extend(self, t_ns: Ints, rows: Floats) -> tuple[int, bool]:
+        """Take samples in, in increasing time; return how many instants are new, and whether anything changed.
+
+        Args:
+            t_ns: (n,), none negative; kept.
+            rows: (n, c), finite, without negative zeros; kept.
+        """
+        if self._loose is None and t_ns[0] > self._last_ns:
+            self._pieces.append((t_ns, rows))
+            self._last_ns = int(t_ns[-1])
+            return len(t_ns), True
+        found = [self.put(t, row) for t, row in zip(t_ns.tolist(), rows_of(rows), strict=True)]
+        return sum(new for new, _ in found), any(changed for _, changed in found)
+
+    def put(self, t_ns: int, row: Row) -> tuple[bool, bool]:
+        """Take one sample in; return whether its instant is new, and whether anything changed."""
+        if self._loose is None:
+            self._loose = self._mapped()
+            self._pieces.clear()
+        present = self._loose.get(t_ns)
+        changed = present is None or row < present
+        if changed:
+            self._loose[t_ns] = row
+        return present is None, changed
+
+    def ordered(self) -> Samples:
+        """Return what is there, in increasing time."""
+        if self._loose is not None:
+            ordered = sorted(self._loose.items())
+            return Samples(np.array([t for t, _ in ordered], np.int64), np.array([row for _, row in ordered]))
+        t_ns, values = (np.concatenate(arrays) for arrays in zip(*self._pieces, strict=True))
+        t_ns.flags.writeable = values.flags.writeable = False  # nobody else has them: not copied again
+        return Samples(t_ns, values)
+
+    def _mapped(self) -> dict[int, Row]:
+        return {t: row for t_ns, rows in self._pieces for t, row in zip(t_ns.tolist(), rows_of(rows), strict=True)}
