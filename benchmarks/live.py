@@ -1,0 +1,337 @@
+"""What an engine keeps up with: `tickfix serve` as a process, simulated phones and a listener on real sockets.
+
+    python benchmarks/live.py [--pipeline NAME ...] [--devices N] [--seconds S] [--journal DIR]
+
+Every phone sends four sensors at 50 Hz in five batches a second and a scan every few seconds, one in twenty of them
+1.4 s late. A batch leaves at the instant of its last sample and closes one tick. Latency is from the instant at which
+it was due to leave, whether or not the sender or the engine was behind, until the listener has the position; all on one
+monotonic clock. Ticks of the first two seconds do not count.
+
+A pipeline is *sustained* when every position came, 99 % of them within one tick, and no message was refused. Without
+--devices, one run of 100 phones is followed by shorter ones of more and more, until one is not sustained. Sender,
+listener and engine share the machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import msgpack
+import numpy as np
+import zmq
+
+from tickfix import config
+from tickfix.api import TICK_NS, MotionSamples, Recording, Samples, Scan
+from tickfix.client import Control
+from tickfix.drivers.surveying import survey_walks
+from tickfix.plugins import discover
+from tickfix.simulation import demo
+from tickfix.site.folder import save as save_site
+from tickfix.wire import from_event
+
+PIPELINES = ("kalman", "fusion")
+SETTINGS = """
+[pipelines.kalman]
+pdr         = { use = "steps" }
+fingerprint = { use = "wknn" }
+filter      = { use = "kalman" }
+
+[pipelines.fusion]
+pdr         = { use = "steps" }
+fingerprint = { use = "wknn" }
+filter      = { use = "fusion-pf", particles = 500 }
+map         = { use = "walls" }
+"""
+DEVICES, MORE = 100, (150, 200, 250, 300, 400, 500, 700, 1000)
+SECONDS, SECONDS_MORE = 14.0, 6.0
+WARM_UP = 10
+PER_CONNECTION = 150
+"""Phones behind one connection: 5.4 messages a second each, and an engine takes 1000 a second from a connection."""
+CUT_NS = 30_000_000
+"""How long after a tick the batch that closes it ends: by then every sensor has passed it."""
+ONE_IN, BEHIND = 20, 7
+"""One scan in so many is late, by so many batches."""
+NAME = b"phone-0000"
+TICKS_S = 1e9 / TICK_NS
+
+
+@dataclass(frozen=True)
+class Script:
+    """What a phone that walks one walk sends, batch by batch; whoever sends puts its own name in place of NAME.
+
+    Attributes:
+        first: the tick that the first batch closes.
+        batches: a message for every tick.
+        scans: those that leave with each batch, numbered.
+    """
+
+    first: int
+    batches: list[bytes]
+    scans: list[list[tuple[int, bytes]]]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run showed; times in ms."""
+
+    devices: int
+    seconds: float
+    latency_ms: np.ndarray
+    missing: int
+    refused: int
+    sender_late_ms: float
+    cpu: float
+    rss_mb: float
+    grown_kb: float
+    journal_mb: float
+    status: dict[str, Any]
+
+    @property
+    def is_sustained(self) -> bool:
+        """Whether the engine kept up."""
+        return not self.missing and not self.refused and np.percentile(self.latency_ms, 99) < TICK_NS * 1e-6
+
+
+def script_of(recording: Recording) -> Script:
+    """Cut a recording into batches of one tick."""
+    motion = [e for e in recording.events if isinstance(e, MotionSamples)]
+    streams = {
+        name: (
+            np.concatenate([e.sensors[name].t_ns for e in motion if name in e.sensors]),
+            np.concatenate([e.sensors[name].values for e in motion if name in e.sensors]),
+        )
+        for name in sorted({name for e in motion for name in e.sensors})
+    }
+    first = max(int(t_ns[0]) for t_ns, _ in streams.values()) // TICK_NS + 2
+    last = min(int(t_ns[-1]) - CUT_NS for t_ns, _ in streams.values()) // TICK_NS
+    batches, scans = [], []
+    waiting = sorted((e for e in recording.events if isinstance(e, Scan)), key=lambda e: e.arrival_ns)
+    number = seq = 0
+    device = NAME.decode()
+    for tick in range(first, last + 1):
+        ends_ns = tick * TICK_NS + CUT_NS
+        leaving = []
+        while waiting and waiting[0].arrival_ns <= ends_ns:
+            seq, number = seq + 1, number + 1
+            scan = replace(waiting.pop(0), device=device, session="benchmark", seq=seq)
+            leaving.append((number, from_event(scan)))
+        scans.append(leaving)
+        sensors = {}
+        for name, (t_ns, values) in streams.items():
+            begin, end = np.searchsorted(t_ns, [ends_ns - TICK_NS, ends_ns], side="right")
+            sensors[name] = Samples(t_ns[begin:end], values[begin:end])
+        seq += 1
+        batches.append(from_event(MotionSamples(sensors=sensors, device=device, session="benchmark", seq=seq)))
+    return Script(first, batches, scans)
+
+
+def name_of(device: int) -> bytes:
+    """Return a phone's name, as long as all names."""
+    return b"phone-%04d" % device
+
+
+def begin_of(device: int) -> int:
+    """Return the batch with which a phone begins: no two do the same at the same time."""
+    return 7 * device % 100
+
+
+def send(address: str, scripts: list[Script], devices: int, n_batches: int, t0_ns: int, said: Any) -> None:
+    """Send all that is due, when it is due; in a process of its own."""
+    context = zmq.Context()
+    sockets = []
+    for _ in range(-(-devices // PER_CONNECTION)):
+        socket = context.socket(zmq.DEALER)
+        socket.setsockopt(zmq.SNDHWM, 0)
+        socket.connect(address)
+        sockets.append(socket)
+    phones = [
+        (name_of(d), scripts[d % len(scripts)], begin_of(d), sockets[d // PER_CONNECTION]) for d in range(devices)
+    ]
+    late_ns = 0
+    for n in range(n_batches):
+        for device, (name, script, begin, socket) in enumerate(phones):
+            due_ns = t0_ns + n * TICK_NS + device * TICK_NS // devices
+            while (left_ns := due_ns - time.monotonic_ns()) > 0:
+                time.sleep(left_ns * 1e-9)
+            late_ns = max(late_ns, -left_ns)
+            at = begin + n
+            for scan, body in script.scans[at]:
+                if (scan + device) % ONE_IN:
+                    socket.send(body.replace(NAME, name, 1))
+            for scan, body in script.scans[at - BEHIND] if n >= BEHIND else ():
+                if (scan + device) % ONE_IN == 0:
+                    socket.send(body.replace(NAME, name, 1))
+            socket.send(script.batches[at].replace(NAME, name, 1))
+    said.put(late_ns)
+    context.destroy(linger=10_000)
+
+
+@contextmanager
+def engine(site: Path, settings: Path, journal: Path, pipeline: str) -> Iterator[tuple[subprocess.Popen[str], Any]]:
+    """Run ``tickfix serve`` on free ports; yield the process and its addresses."""
+    command = [sys.executable, "-m", "tickfix.cli.main", "serve", str(site), "--config", str(settings)]
+    command += ["--pipeline", pipeline, "--journal", str(journal), "--no-watchdog", "--json"]
+    for port in ("sensors", "positions", "control", "feed"):
+        command += [f"--{port}", "tcp://127.0.0.1:*"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own command
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        if not line:
+            raise SystemExit("the engine did not start; what it said is above")
+        yield process, json.loads(line)
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+def run(site: Path, settings: Path, where: Path, pipeline: str, scripts: list[Script], n: int, s: float) -> Result:
+    """Let ``n`` phones send for ``s`` seconds."""
+    n_batches = round(s * TICKS_S)
+    spawn = multiprocessing.get_context("spawn")
+    said = spawn.Queue()
+    with (
+        tempfile.TemporaryDirectory(dir=where) as journal,
+        engine(site, settings, Path(journal) / "journal", pipeline) as (process, addresses),
+        Control(addresses["control"], timeout_s=60.0) as control,
+        zmq.Context() as context,
+        context.socket(zmq.SUB) as listener,
+    ):
+        listener.setsockopt(zmq.RCVHWM, 0)
+        listener.subscribe(b"estimate/")
+        listener.connect(addresses["positions"])
+        control.request("status")
+        rss_kb, cpu_s = used_by(process.pid)
+        t0_ns = time.monotonic_ns() + 2_500_000_000
+        arguments = (addresses["sensors"], scripts, n, n_batches, t0_ns, said)
+        sender = spawn.Process(target=send, args=arguments)
+        sender.start()
+        heard = listen(listener, n * n_batches, t0_ns + round((s + 0.5) * 1e9))
+        rss_end_kb, cpu_end_s = used_by(process.pid)
+        status = control.request("status")
+        sender_late_ns = said.get(timeout=60.0)
+        sender.join()
+        status["intake"] = control.request("status")["intake"]
+        bytes_written = sum(path.stat().st_size for path in Path(journal).rglob("*") if path.is_file())
+    latency_ms, missing = latencies(heard, scripts, n, n_batches, t0_ns)
+    refused = sum(status["intake"].get(what, 0) for what in ("busy", "throttled", "malformed", "unauthorised"))
+    return Result(
+        devices=n,
+        seconds=s,
+        latency_ms=latency_ms,
+        missing=missing,
+        refused=refused,
+        sender_late_ms=sender_late_ns * 1e-6,
+        cpu=(cpu_end_s - cpu_s) / s,
+        rss_mb=rss_end_kb / 1024,
+        grown_kb=(rss_end_kb - rss_kb) / n,
+        journal_mb=bytes_written / 1e6,
+        status=status,
+    )
+
+
+def listen(listener: Any, most: int, until_ns: int) -> list[tuple[int, bytes]]:
+    """Return what came and when, until all is there or the time is up."""
+    heard: list[tuple[int, bytes]] = []
+    while len(heard) < most and (left_ns := until_ns - time.monotonic_ns()) > 0:
+        if listener.poll(1 + left_ns // 1_000_000):
+            body = listener.recv_multipart()[-1]
+            heard.append((time.monotonic_ns(), body))
+    return heard
+
+
+def latencies(
+    heard: list[tuple[int, bytes]], scripts: list[Script], n: int, n_batches: int, t0_ns: int
+) -> tuple[np.ndarray, int]:
+    """Return the latencies in ms of ticks after the warm-up, and how many of those ticks never came."""
+    numbers = {name_of(d).decode(): d for d in range(n)}
+    found: dict[tuple[int, int], float] = {}
+    for heard_ns, body in heard:
+        estimate = msgpack.unpackb(body)
+        device = numbers[estimate["device"]]
+        batch = estimate["tick"] - scripts[device % len(scripts)].first - begin_of(device)
+        if WARM_UP <= batch < n_batches:
+            due_ns = t0_ns + batch * TICK_NS + device * TICK_NS // n
+            found[device, batch] = (heard_ns - due_ns) * 1e-6
+    return np.array(list(found.values()) or [np.inf]), n * (n_batches - WARM_UP) - len(found)
+
+
+def used_by(pid: int) -> tuple[int, float]:
+    """Return a process's resident memory in KiB and the processor time it has taken, in s (Linux)."""
+    status = Path(f"/proc/{pid}/status").read_text()
+    rss_kb = int(next(line for line in status.splitlines() if line.startswith("VmRSS:")).split()[1])
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return rss_kb, (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def show(result: Result) -> None:
+    """Print what a run showed."""
+    p50, p99 = np.percentile(result.latency_ms, [50, 99])
+    verdict = "sustained" if result.is_sustained else "NOT sustained"
+    counts = f"{result.missing} positions missing, {result.refused} messages refused"
+    print(f"  {result.devices} devices for {result.seconds:g} s: {verdict}; {counts}")
+    print(f"    last sample to position   p50 {p50:8.1f} ms   p99 {p99:8.1f} ms")
+    for name, key in (("tick lateness", "lateness_ms"), ("work a round", "work_ms")):
+        spread = result.status[key]
+        line = f"p50 {spread['p50']:8.1f} ms   p99 {spread['p99']:8.1f} ms   max {spread['max']:.1f} ms"
+        print(f"    {name:25s} {line}")
+    ticks, records = result.status["ticks"], result.status["journal"]["records"]
+    spent = 1e6 * result.cpu * result.seconds / max(1, ticks)
+    print(f"    processor                 {100 * result.cpu:.0f} % of one core, {spent:.0f} µs a tick, all included")
+    print(f"    memory                    {result.grown_kb:.0f} KiB a device, {result.rss_mb:.0f} MiB in all")
+    written = f"{records / result.seconds:,.0f} records/s, {result.journal_mb / result.seconds:.1f} MB/s"
+    print(f"    journal                   {written}; the sender was {result.sender_late_ms:.0f} ms late at most")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description="What an engine keeps up with.")
+    parser.add_argument("--pipeline", action="append", choices=PIPELINES, help="only this one")
+    parser.add_argument("--devices", type=int, help="this many, and no search for the most")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="of the first run, at most 60")
+    parser.add_argument("--journal", type=Path, help="folder on the disk that matters")
+    chosen = parser.parse_args()
+    if not 2 * WARM_UP / TICKS_S <= chosen.seconds <= 60:
+        parser.error(f"--seconds: found {chosen.seconds:g}, expected {2 * WARM_UP / TICKS_S:g} to 60")
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    print(f"{machine}, load average {os.getloadavg()[0]:.1f} before the start")
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Path(folder) / "live.toml"
+        settings.write_text(SETTINGS)
+        pipelines = config.load(settings, discover()).pipelines
+        world = demo(seed=0)
+        recordings = [walk.recording for walk in world.survey]
+        save_site(survey_walks(recordings, world.building.floors, pipelines, name="demo").site, Path(folder) / "site")
+        scripts = [script_of(walk.recording) for walk in world.walks]
+        for pipeline in chosen.pipeline or PIPELINES:
+            print(pipeline)
+            arguments = (Path(folder) / "site", settings, chosen.journal, pipeline, scripts)
+            result = run(*arguments, chosen.devices or DEVICES, chosen.seconds)
+            show(result)
+            most = result.devices if result.is_sustained else 0
+            for devices in () if chosen.devices or not most else MORE:
+                result = run(*arguments, devices, SECONDS_MORE)
+                show(result)
+                if not result.is_sustained:
+                    break
+                most = devices
+            print(f"  devices sustained at 5 Hz: {most or 'fewer than that'}")
+
+
+if __name__ == "__main__":
+    main()
