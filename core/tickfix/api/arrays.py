@@ -56,7 +56,16 @@ def _frozen(name: str, values: ArrayLike, dtype: Any, shape: tuple[int | None, .
         raise EventError(f"{name}: found {values!r:.80}, expected an array of numbers") from error
     if array.size == 0 and len(shape) != array.ndim:
         array = frozen(np.empty([0 if n is None else n for n in shape], dtype))
-    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+    if not _fits(array.shape, shape):
         wanted = " × ".join("n" if n is None else str(n) for n in shape)
         raise EventError(f"{name}: found shape {array.shape}, expected {wanted}")
     return array
+
+
+def _fits(found: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    if len(found) != len(wanted):
+        return False
+    for n, m in zip(found, wanted, strict=True):  # noqa: SIM110 - setting up a generator takes longer
+        if m is not None and n != m:
+            return False
+    return True

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import typing
+from collections.abc import Callable
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any, Final, TypeVar
 
 import msgpack
@@ -63,22 +65,32 @@ def unpack(data: bytes, like: type[T]) -> T:
 
 def nbytes(state: Any) -> int:
     """Return roughly how much memory ``state`` holds: its arrays and 64 bytes for every other value."""
-    kind = state.__class__
-    if kind in _SIMPLE:
-        return 64
-    if isinstance(state, np.ndarray):
-        return int(state.nbytes) + 96
-    if (names := field_names(kind)) is not None:
-        return 64 + sum([nbytes(getattr(state, name)) for name in names])
-    if isinstance(state, tuple):
-        return 64 + sum([nbytes(item) for item in state])
-    return 64
+    found, todo = 0, [state]
+    while todo:
+        value = todo.pop()
+        found += 64
+        kind = value.__class__
+        if kind is tuple:
+            todo += value
+        elif kind not in _SIMPLE:
+            if isinstance(value, np.ndarray):
+                found += int(value.nbytes) + 32
+            elif (within := values_within(kind)) is not None:
+                todo += within(value)
+            elif isinstance(value, tuple):
+                todo += value
+    return found
 
 
 @lru_cache(maxsize=1024)
-def field_names(cls: type[Any]) -> tuple[str, ...] | None:
-    """Return the names of a dataclass's fields, None for another class; states are walked at every tick."""
-    return tuple(f.name for f in dataclasses.fields(cls)) if dataclasses.is_dataclass(cls) else None
+def values_within(cls: Any) -> Callable[[Any], tuple[Any, ...]] | None:
+    """Return what gives the values of a dataclass's fields, None for another class; states are walked at every tick."""
+    if not dataclasses.is_dataclass(cls):
+        return None
+    names = [f.name for f in dataclasses.fields(cls)]
+    if len(names) > 1:
+        return attrgetter(*names)
+    return lambda value: tuple(getattr(value, name) for name in names)
 
 
 def _reduce(value: Any) -> Any:
@@ -91,8 +103,8 @@ def _reduce(value: Any) -> Any:
         return msgpack.ExtType(_ARRAY, msgpack.packb([little.dtype.str, list(value.shape), little.tobytes()]))
     if isinstance(value, tuple):
         return [_reduce(item) for item in value]
-    if (names := field_names(value.__class__)) is not None:
-        fields = [_reduce(getattr(value, name)) for name in names]
+    if (within := values_within(value.__class__)) is not None:
+        fields = [_reduce(item) for item in within(value)]
         return msgpack.ExtType(_DATACLASS, msgpack.packb([type(value).__qualname__, *fields], use_bin_type=True))
     if isinstance(value, np.generic):
         return value.item()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from tickfix.api.packing import nbytes
 
 S = TypeVar("S")
 O = TypeVar("O")  # noqa: E741 - output
+
+_MEASURED: Final = 8
+"""At every so many-th tick a state is measured, which takes a while: states grow slowly once a stage has begun."""
 
 
 class Fold(Generic[S, O]):
@@ -78,7 +81,8 @@ class Fold(Generic[S, O]):
             state, self.outputs[k] = self._step(state, k)
             self._checkpoints[k] = state
             self.upto = k
-        self._thin(state)
+            if k % _MEASURED == 0:
+                self._thin(state)
 
     def before(self, tick: int) -> tuple[int, S] | None:
         """Return the newest checkpoint before ``tick``: its tick and the state after it; None where there is none."""

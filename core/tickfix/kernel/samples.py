@@ -22,9 +22,8 @@ def is_increasing(t_ns: Ints) -> bool:
     return bool((t_ns[1:] > t_ns[:-1]).all())
 
 
-def by_tick(t_ns: Ints) -> Iterator[tuple[int, int, int]]:
+def by_tick(times: list[int]) -> Iterator[tuple[int, int, int]]:
     """Yield the ticks of increasing times, and where the times of each begin and end."""
-    times = t_ns.tolist()
     begin = 0
     while begin < len(times):
         tick = tick_of(times[begin])

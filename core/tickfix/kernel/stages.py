@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from tickfix.api.errors import PluginError
-from tickfix.api.packing import field_names, pack, unpack
+from tickfix.api.packing import pack, unpack, values_within
 from tickfix.api.values import Belief, Component, Motion, Observation, Report
 
 
@@ -197,13 +197,23 @@ def _check_gaussian(gaussian: Belief | Component) -> None:
 
 def has_nan(state: Any) -> bool:
     """Tell whether an array or number within ``state`` is NaN."""
-    if isinstance(state, float):
-        return math.isnan(state)
-    if isinstance(state, np.ndarray):
-        return state.dtype.kind == "f" and bool(np.isnan(state).any())
-    if isinstance(state, tuple):
-        return any(map(has_nan, state))
-    return any(has_nan(getattr(state, name)) for name in field_names(state.__class__) or ())
+    todo = [state]
+    while todo:
+        value = todo.pop()
+        kind = value.__class__
+        if kind is tuple:
+            todo += value
+        elif isinstance(value, float):
+            if value != value:  # noqa: PLR0124 - only NaN differs from itself
+                return True
+        elif isinstance(value, np.ndarray):
+            if value.dtype.kind == "f" and np.isnan(value).any():
+                return True
+        elif (within := values_within(kind)) is not None:
+            todo += within(value)
+        elif isinstance(value, tuple):
+            todo += value
+    return False
 
 
 _MOTION_NUMBERS: Final = tuple(f.name for f in dataclasses.fields(Motion) if f.name not in ("steps", "stationary"))

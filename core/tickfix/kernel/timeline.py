@@ -203,7 +203,7 @@ class Timeline:
         self._scans = RecentScans(kept.scans)
         for stream in kept.streams:
             if is_increasing(stream.t_ns):
-                for tick, begin, end in by_tick(stream.t_ns):
+                for tick, begin, end in by_tick(stream.t_ns.tolist()):
                     self._samples(tick, stream.stream).extend(stream.t_ns[begin:end], stream.rows[begin:end])
                 continue
             for t_ns, row in zip(stream.t_ns.tolist(), rows_of(stream.rows), strict=True):
@@ -270,12 +270,14 @@ class Timeline:
 
     def _insert_ordered(self, stream: str, t_ns: Ints, rows: Floats) -> None:
         """Insert samples of one sensor in increasing time, as inserting one by one would."""
-        for tick, begin, end in by_tick(t_ns):
-            self._counts["dropped"] += self._clock.follow(int(t_ns[end - 1]), stream)
+        times = t_ns.tolist()
+        for tick, begin, end in by_tick(times):
             n_new, changed = self._samples(tick, stream).extend(t_ns[begin:end], rows[begin:end])
-            if changed:
-                self.changes.motion = tick if self.changes.motion is None else min(tick, self.changes.motion)
+            if changed and (self.changes.motion is None or tick < self.changes.motion):
+                self.changes.motion = tick
             self._count(n_new, end - begin, tick)
+        if times:
+            self._counts["dropped"] += self._clock.follow(times[-1], stream)
 
     def _count(self, n_new: int, n: int, tick: int) -> None:
         """Count ``n`` measurements of a tick, so many of which were new, and take note of the tick."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final, Literal, NamedTuple, TypeAlias
 from urllib.parse import quote, unquote
 
@@ -24,6 +25,7 @@ class Topic(NamedTuple):
     pipeline: str
 
 
+@lru_cache(maxsize=8192)
 def stream_topics(family: Family, site: str, floor: str | None, device: str, pipeline: str) -> tuple[bytes, ...]:
     """Return the topics under which a body is published: by floor, and for estimates also by device."""
     place = NO_FLOOR if floor is None else segment(floor)

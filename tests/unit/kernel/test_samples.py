@@ -85,7 +85,7 @@ def test_what_comes_again_is_neither_new_nor_a_change() -> None:
 @pytest.mark.parametrize("n", [0, 1, 50])
 def test_samples_belong_to_the_tick_that_closes_their_interval(n: int) -> None:
     t_ns = T0 + PARTS * np.arange(n)
-    parts = list(by_tick(t_ns))
+    parts = list(by_tick(t_ns.tolist()))
     assert [k for tick, begin, end in parts for k in [tick] * (end - begin)] == (-(-t_ns // TICK_NS)).tolist()
 
 
