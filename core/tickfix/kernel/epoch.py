@@ -118,12 +118,15 @@ class Epoch:
         self._settle(tick - self._horizon - 1, output)
 
     def finish(self, output: Output) -> None:
-        """Close and settle everything."""
+        """Close and settle everything; the epoch is over, and nothing may be asked of it any more."""
         self.timeline.finish()
         newest = self.timeline.newest
         self.run(newest, output)
         if self._published is not None:
             self._settle(self._published, output)
+        # Trackers ask the epoch that holds them: let go of, all is freed now, not when the collector comes by.
+        for stages in (self._moving, self._observing, self._tracking, self._motion, self._observations, self._beliefs):
+            stages.clear()
 
     @property
     def published(self) -> int | None:

@@ -15,6 +15,7 @@ from tickfix.api.errors import PortError
 from tickfix.client import Keys
 from tickfix.config import Config, build
 from tickfix.drivers.live.beacon import Beacon
+from tickfix.drivers.live.collecting import rare_full_collections
 from tickfix.drivers.live.engine import Engine
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.following import Follower, Leader
@@ -135,7 +136,8 @@ def serve(
             hub.publish(_last_words(resumed, site.name, engine.report()["primary"], everyone=live.publish == "all"))
         control(engine)
         began(shown, addresses)
-        engine.serve()
+        with rare_full_collections():
+            engine.serve()
         ending(engine)
     finally:
         hub.stop()
