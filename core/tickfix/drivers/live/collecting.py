@@ -15,8 +15,8 @@ _FULL_EVERY: Final = 1_000
 def rare_full_collections() -> Iterator[None]:
     """Leave out of the garbage collector's sight what is there now, and let it look at all of the rest seldom.
 
-    A full collection looks at every state of every device and stops the loop meanwhile, for half a microsecond each.
-    It is there for cycles that live long; the kernel makes none, and short-lived ones are found as ever.
+    A full collection looks at every state of every device and stops the loop meanwhile. It is there for cycles that
+    live long; a device that is gone leaves none, and short-lived ones are found as ever.
     """
     young, middle, full = gc.get_threshold()
     gc.collect()
