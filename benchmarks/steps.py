@@ -54,7 +54,7 @@ def read(folder: Path) -> list[Walk]:
 
 
 def multi_threshold(walk: Walk) -> Mapping[Choice, int]:
-    """Return the steps that ``multi-threshold`` finds with each choice of low-pass, amplitude and time between peaks."""
+    """Return the steps that ``multi-threshold`` finds with each low-pass, amplitude and time between peaks."""
     counts = {}
     for low_pass_hz in LOW_PASS_HZ:
         extrema: Sequence[Extremum] = fold_signal(SignalState(), walk.accelerometer, low_pass_hz)[1]

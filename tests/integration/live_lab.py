@@ -169,13 +169,13 @@ def last_word(journal: Path) -> dict[tuple[str, str], dict[int, Estimate]]:
 
 def adds_up(control: Control, *, at_least: int = 0) -> dict[str, int]:
     """Wait until every message in has its outcome, and return how many had which."""
+    intake: dict[str, Any] = {}
 
     def settled() -> bool:
-        intake = control.counters()["ports"]["intake"]
+        intake.update(control.counters()["ports"]["intake"])
         return bool(intake["pending"] == 0 and intake["received"] >= at_least)
 
     until(settled)
-    intake = control.counters()["ports"]["intake"]
     outcomes: dict[str, int] = intake["outcomes"]
     assert sum(outcomes.values()) == intake["received"]
     return outcomes

@@ -46,7 +46,7 @@ def test_no_walks_two_kinds_of_walks_and_none_held_out(tickfix: Command, site: P
 def test_no_site_no_recordings_and_a_place_that_is_taken(tickfix: Command, floor_folder: Path, tmp_path: Path) -> None:
     assert "make one with `tickfix survey`" in complaint(tickfix, "replay", tmp_path, "--holdout")
     assert "no such file or folder" in complaint(tickfix, "survey", tmp_path / "none", "--out", tmp_path / "site")
-    assert "readers: indoor-location" in complaint(tickfix, "survey", tmp_path, "--out", tmp_path / "site")
+    assert "readers: events, indoor-location" in complaint(tickfix, "survey", tmp_path, "--out", tmp_path / "site")
     taken = tmp_path / "taken.txt"
     taken.write_text("mine", encoding="utf-8")
     assert "it is left alone" in complaint(tickfix, "survey", floor_folder, "--out", taken)

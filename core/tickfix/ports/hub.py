@@ -29,7 +29,7 @@ from tickfix.ports.waking import Errands
 from tickfix.wire import OLDEST_VERSION, VERSION
 
 _REQUESTS: Final = PeerLimits(messages_per_s=100.0, message_burst=200, bytes_per_s=2**20, byte_burst=2**22)
-_LAST_WORDS_MS: Final = 1_000
+_LAST_WORDS_MS: Final = 5_000
 
 
 @dataclass(frozen=True, slots=True)
