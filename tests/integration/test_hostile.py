@@ -113,11 +113,15 @@ def test_hostile_messages_are_refused_and_counted_one_by_one(lab: Lab, floor_fol
     rng = np.random.default_rng(11)
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     with context.socket(zmq.DEALER) as peer:
-        peer.linger = -1
+        peer.linger = 0
+        peer.sndtimeo = 10_000
         peer.rcvhwm = 10
         peer.connect(engine.at["sensors"])
         for _ in range(MESSAGES):
-            peer.send_multipart(hostile(rng))
+            try:
+                peer.send_multipart(hostile(rng))
+            except zmq.Again:
+                pytest.fail(f"the engine takes nothing any more: {engine.lines} {''.join(engine.errors)}")
             while peer.poll(0):
                 peer.recv_multipart()
         with engine.control() as control:

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from tickfix.api import ConfigError, TickfixError
+from tickfix.api.errors import PortError
 from tickfix.cli.output import registry
 from tickfix.cli.replay import PipelineNames, configured
 from tickfix.cli.survey import ConfigFile, Seed
@@ -20,7 +21,8 @@ from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.serving import Order, Runnable, resumable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.supervisor import supervise
+from tickfix.drivers.live.supervisor import CRASHED, supervise
+from tickfix.journal import JournalError
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses
 
@@ -90,7 +92,11 @@ def serve(
 
 
 def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> int:
+    running = False
+
     def began(run: str, addresses: Addresses) -> None:
+        nonlocal running
+        running = True
         names = ("sensors", "positions", "control", "follow")
         shown = {name: getattr(addresses, name) for name in names}
         if as_json:
@@ -129,7 +135,8 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
         )
     except (TickfixError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
-        return 2
+        # What cannot begin is for people to mend; what breaks while it runs is worth another try.
+        return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
     return 0
 
 

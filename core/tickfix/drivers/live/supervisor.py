@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -20,6 +21,8 @@ from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.serving import Order
 
 _LOOK_S: Final = 0.05
+CRASHED: Final = 70
+"""Exit code of an engine that failed in a way nobody foresaw (EX_SOFTWARE)."""
 _RESTARTS: Final = 5
 _SPAN_S: Final = 60.0
 
@@ -56,7 +59,7 @@ def supervise(
     try:
         while True:
             code = _wait(child, beacon, silence_s)
-            if code >= 0 and not child.hung:
+            if code >= 0 and code != CRASHED and not child.hung:
                 return code
             deaths = [t for t in deaths if time.monotonic() - t < _SPAN_S] + [time.monotonic()]
             if len(deaths) > _RESTARTS:
@@ -75,7 +78,8 @@ def _after(
     """Say what happened and return what to serve next."""
     resumes = "resuming from the journal" if order.journal is not None else "starting anew: there is no journal"
     if not child.hung:
-        tell(f"the engine was ended by signal {-code}; {resumes}")
+        how = "crashed, see above" if code == CRASHED else f"was ended by signal {-code}"
+        tell(f"the engine {how}; {resumes}")
         return replace(order, resume=order.journal is not None)
     culprit = beacon.stage
     if culprit is None:
@@ -96,12 +100,14 @@ def _start(order: Order, engine: Callable[[Order, Beacon], int], beacon: Beacon)
         os.close(ours)
         return _Child(pid, theirs)
     os.close(theirs)
-    code = 70
+    code = CRASHED
     try:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, signal.SIG_DFL)
         threading.Thread(target=_die_with, args=(ours,), name="tickfix-lifeline", daemon=True).start()
         code = engine(order, beacon)
+    except Exception:  # noqa: BLE001 - this process ends here, and the supervisor starts another
+        traceback.print_exc()
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
