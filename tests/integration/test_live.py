@@ -63,7 +63,9 @@ def same_in_the_end(one: Path, other: Path) -> None:
     assert a.keys() == b.keys()
     assert a
     for key, track in a.items():
-        assert track_digest(track) == track_digest(b[key]), f"{key} settled differently"
+        # While an engine waits for a slow sender it goes on for some ticks beyond the data; those have no counterpart.
+        over_the_data = {tick: b[key][tick] for tick in track}
+        assert track_digest(track) == track_digest(over_the_data), f"{key} settled differently"
 
 
 def repeats(tickfix: Command, journal: Path) -> dict[str, object]:
