@@ -14,6 +14,7 @@ from tickfix.kernel.observing import Question
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.snapshot import DeviceSnapshot
 from tickfix.kernel.stages import Caller, Pipeline
+from tickfix.kernel.together import Asking, alone
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,25 +66,25 @@ class Device:
         anew: list[Item] = inserted.anew
         while anew:
             # The clock started anew: what the old one showed is over, and its last ticks are published.
-            self._epoch.finish(self._pending)
+            alone(self._epoch.finish(self._pending), self._call)
             self._number += 1
             self._epoch = self._begin(None)
             anew = self._epoch.timeline.insert_items(anew)
         return inserted.outcome
 
-    def run(self, tick: int | None = None) -> Output:
+    def run(self, tick: int | None = None) -> Asking[Output]:
         """Fold what is due: ticks that the data has passed, or up to ``tick`` where the driver closes it."""
         due = max((k for k in (self._epoch.timeline.passed, tick) if k is not None), default=None)
         if due is not None and self._epoch.published is not None:
             due = max(due, self._epoch.published)
         output, self._pending = self._pending, Output()
-        self._epoch.run(due, output)
+        yield from self._epoch.run(due, output)
         return output
 
-    def finish(self) -> Output:
+    def finish(self) -> Asking[Output]:
         """Fold and settle everything; nothing more will come."""
         output, self._pending = self._pending, Output()
-        self._epoch.finish(output)
+        yield from self._epoch.finish(output)
         return output
 
     def questions(self, scan: Scan) -> list[Question]:

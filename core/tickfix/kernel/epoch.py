@@ -17,6 +17,7 @@ from tickfix.kernel.samples import tick_of
 from tickfix.kernel.snapshot import EpochSnapshot, FoldSnapshot
 from tickfix.kernel.stages import Caller, Pipeline
 from tickfix.kernel.timeline import Timeline
+from tickfix.kernel.together import Asking, alone
 from tickfix.kernel.tracker import Carried, Tracker, external, revised
 
 S = TypeVar("S")
@@ -64,6 +65,7 @@ class Epoch:
         """Build the folds: one per distinct pdr and fingerprint, one per pipeline."""
         self.timeline = Timeline(horizon_ns, counts)
         self._pipelines = pipelines
+        self._call = call
         self._horizon = horizon_ns // TICK_NS
         self._began: int | None = None
         self._published: int | None = None
@@ -76,11 +78,9 @@ class Epoch:
         self._moving = {key: MotionFold(stage, self.timeline, call) for key, stage in pdrs.items()}
         self._observing = {key: ObservationFold(stage, self.timeline, call) for key, stage in fingerprints.items()}
         self._tracking: dict[str, Tracker] = {}
-        self._motion: dict[str, Fold[object, Moved]] = {
-            key: Fold(lambda: None, moving.step, **sizes) for key, moving in self._moving.items()
-        }
+        self._motion: dict[str, Fold[object, Moved]] = {key: Fold(lambda: None, **sizes) for key in self._moving}
         self._observations: dict[str, Fold[Sighted, Observed]] = {
-            key: Fold(Sighted, observing.step, **sizes) for key, observing in self._observing.items()
+            key: Fold(Sighted, **sizes) for key in self._observing
         }
         self._beliefs: dict[str, Fold[Carried, Estimate]] = {}
         for pipeline in pipelines:
@@ -96,9 +96,9 @@ class Epoch:
                 observed=lambda tick, p=pipeline: self._observed(p, tick),  # type: ignore[misc]
             )
             self._tracking[pipeline.name] = tracker
-            self._beliefs[pipeline.name] = Fold(Carried, tracker.step, **sizes)
+            self._beliefs[pipeline.name] = Fold(Carried, **sizes)
 
-    def run(self, tick: int | None, output: Output) -> None:
+    def run(self, tick: int | None, output: Output) -> Asking[None]:
         """Close the ticks up to ``tick`` (None: none yet), fold what is new or late, and say what came of it."""
         first = self.timeline.first
         if tick is None or first is None or tick < first:
@@ -107,21 +107,21 @@ class Epoch:
         if self._published is not None and changed is not None and changed <= self._published:
             for k in range(changed, self._published + 1):
                 self._revisions[k] = self._revisions.get(k, 0) + 1
-            self._fold(self._published)
+            yield from self._fold(self._published)
             output.revised += self._estimates(changed, self._published)
         for k in range(first if self._published is None else self._published + 1, tick + 1):
             self.timeline.close(k)
-            self._fold(k)
+            yield from self._fold(k)
             output.published += self._estimates(k, k)
             self._published = k
             self._revisions.setdefault(k, 0)
         self._settle(tick - self._horizon - 1, output)
 
-    def finish(self, output: Output) -> None:
+    def finish(self, output: Output) -> Asking[None]:
         """Close and settle everything; the epoch is over, and nothing may be asked of it any more."""
         self.timeline.finish()
         newest = self.timeline.newest
-        self.run(newest, output)
+        yield from self.run(newest, output)
         if self._published is not None:
             self._settle(self._published, output)
         # Trackers ask the epoch that holds them: let go of, all is freed now, not when the collector comes by.
@@ -172,7 +172,7 @@ class Epoch:
             _restore(self._observations[key], known.get(key), observing.restored, oldest)
         for name, tracker in self._tracking.items():
             _restore(self._beliefs[name], known.get(tracker.key), tracker.restored, oldest)
-        self._fold(kept.published)
+        alone(self._fold(kept.published), self._call)
 
     def _folds(self) -> list[Fold[object, Moved] | Fold[Sighted, Observed] | Fold[Carried, Estimate]]:
         return [*self._motion.values(), *self._observations.values(), *self._beliefs.values()]
@@ -199,9 +199,16 @@ class Epoch:
                 belief.rewind(changed)
         return changed
 
-    def _fold(self, tick: int) -> None:
-        for fold in self._folds():
-            fold.advance(tick)
+    def _fold(self, tick: int) -> Asking[None]:
+        for key, moving in self._moving.items():
+            self._motion[key].advance(tick, moving.step)
+        for key, observing in self._observing.items():
+            self._observations[key].advance(tick, observing.step)
+        for name, tracker in self._tracking.items():
+            beliefs = self._beliefs[name]
+            for k, carried in beliefs.ahead(tick):
+                after, estimate = yield from tracker.step(carried, k)
+                beliefs.keep(k, after, estimate)
 
     def _moved(self, pipeline: Pipeline, tick: int) -> Moved:
         if pipeline.pdr is None:

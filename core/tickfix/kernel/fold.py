@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final, Generic, TypeVar
 
 from tickfix.api.packing import nbytes
@@ -21,8 +21,8 @@ class Fold(Generic[S, O]):
     starts further back and computes the same states again.
 
     Args:
-        start: returns the state before the first tick.
-        step: ``(state, tick) → (state, output)``, a pure function of its arguments and of what was measured.
+        start: returns the state before the first tick. A step from there on, ``(state, tick) → (state, output)``, is a
+            pure function of its arguments and of what was measured.
         horizon: ticks that can still change.
         budget_bytes: memory for checkpoints.
     """
@@ -30,14 +30,12 @@ class Fold(Generic[S, O]):
     def __init__(
         self,
         start: Callable[[], S],
-        step: Callable[[S, int], tuple[S, O]],
         *,
         horizon: int,
         budget_bytes: int,
     ) -> None:
         """Begin before the first tick; :meth:`begin` says which that is."""
         self._start = start
-        self._step = step
         self._horizon = horizon
         self._budget_bytes = budget_bytes
         self._stride = 1
@@ -69,20 +67,27 @@ class Fold(Generic[S, O]):
         for k in [k for k in self.outputs if k > self.upto]:
             del self.outputs[k]
 
-    def advance(self, tick: int) -> None:
-        """Fold up to and including ``tick``."""
+    def ahead(self, tick: int) -> Iterator[tuple[int, S]]:
+        """Yield each tick to fold, up to and including ``tick``, and the state before it; :meth:`keep` follows."""
         assert self.upto is not None  # noqa: S101 - begin comes first
-        if tick <= self.upto:
-            return
-        state = self._checkpoints[self.upto]
-        for k in range(self.upto + 1, tick + 1):
-            if (k - 1) % self._stride and k - 1 != next(iter(self._checkpoints)):
-                del self._checkpoints[k - 1]  # the oldest stays: every rewind needs one to go back to
-            state, self.outputs[k] = self._step(state, k)
-            self._checkpoints[k] = state
-            self.upto = k
-            if k % _MEASURED == 0:
-                self._thin(state)
+        while self.upto < tick:
+            yield self.upto + 1, self._checkpoints[self.upto]
+
+    def keep(self, tick: int, state: S, output: O) -> None:
+        """Keep what a tick was folded to; it is the one after the last."""
+        before = tick - 1
+        if before % self._stride and before != next(iter(self._checkpoints)):
+            del self._checkpoints[before]  # the oldest stays: every rewind needs one to go back to
+        self._checkpoints[tick], self.outputs[tick] = state, output
+        self.upto = tick
+        if tick % _MEASURED == 0:
+            self._thin(state)
+
+    def advance(self, tick: int, step: Callable[[S, int], tuple[S, O]]) -> None:
+        """Fold up to and including ``tick``."""
+        for k, state in self.ahead(tick):
+            kept, output = step(state, k)
+            self.keep(k, kept, output)
 
     def before(self, tick: int) -> tuple[int, S] | None:
         """Return the newest checkpoint before ``tick``: its tick and the state after it; None where there is none."""

@@ -21,6 +21,7 @@ from tickfix.kernel.intake import Sequence as Numbers
 from tickfix.kernel.observing import Question
 from tickfix.kernel.snapshot import KernelSnapshot, SessionSnapshot
 from tickfix.kernel.stages import Caller, Failure, Pipeline, Stage
+from tickfix.kernel.together import alone, together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,7 +97,19 @@ class Kernel:
 
     def run(self, device: str, tick: int | None = None) -> Output:
         """Fold what is due for a device; ``tick`` closes ticks up to it whether or not the data has passed them."""
-        return self._devices[device].run(tick) if device in self._devices else Output()
+        return self.run_many([(device, tick)])[0]
+
+    def run_many(self, runs: Sequence[tuple[str, int | None]]) -> list[Output]:
+        """Run several devices, each named once: the same to the bit as one after the other, and cheaper.
+
+        Filters that can step many devices at once do.
+        """
+        known = [(n, device, tick) for n, (device, tick) in enumerate(runs) if device in self._devices]
+        outputs = [Output() for _ in runs]
+        done = together([self._devices[device].run(tick) for _, device, tick in known], self._call)
+        for (n, _, _), output in zip(known, done, strict=True):
+            outputs[n] = output
+        return outputs
 
     def finish(self, device: str) -> Output:
         """Nothing more is expected from this device: fold and settle everything, and forget its past.
@@ -111,7 +124,7 @@ class Kernel:
             oldest = next(iter(self._retired))
             del self._retired[oldest]
             self._numbers.pop(oldest, None)
-        return known.finish()
+        return alone(known.finish(), self._call)
 
     def questions(self, scan: Scan) -> list[Question]:
         """Return what the fingerprints will be asked once ``scan`` is fed.

@@ -96,8 +96,7 @@ class Caller:
 
     def __call__(self, stage: Stage, check: Callable[[Any], Any], call: Callable[..., Any], *args: Any) -> Any:
         """Return what ``call(*args)`` returned, checked by ``check``; or the :class:`Failure`."""
-        if self._on_call is not None:
-            self._on_call(stage)
+        self.announce(stage)
         try:
             return check(call(*args))
         except Exception as error:
@@ -108,6 +107,11 @@ class Caller:
             failure = Failure(stage.label, type(error).__name__, str(error))
             self._on_failure(failure)
             return failure
+
+    def announce(self, stage: Stage) -> None:
+        """Say that a stage is about to be called."""
+        if self._on_call is not None:
+            self._on_call(stage)
 
     def state(self, stage: Stage, state: Any) -> Any:
         """Check a state: no NaN in it, of the type the algorithm declares."""

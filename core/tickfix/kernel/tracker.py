@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 from tickfix.api.events import TICK_NS, Fix
@@ -12,15 +13,8 @@ from tickfix.kernel.moving import Moved
 from tickfix.kernel.observing import Observed
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.snapshot import FoldSnapshot
-from tickfix.kernel.stages import (
-    Caller,
-    Failure,
-    Pipeline,
-    checked_belief,
-    checked_report,
-    packed_state,
-    unpacked_state,
-)
+from tickfix.kernel.stages import Caller, Failure, Pipeline, packed_state, unpacked_state
+from tickfix.kernel.together import Answer, Asked, Asking, seen
 
 COASTING_NS: Final = 10_000_000_000
 """Without an observation used for longer than this, an estimate is ``coasting``."""
@@ -77,27 +71,22 @@ class Tracker:
         self._moved = moved
         self._observed = observed
 
-    def step(self, carried: Carried, tick: int) -> tuple[Carried, Estimate]:
+    def step(self, carried: Carried, tick: int) -> Asking[tuple[Carried, Estimate]]:
         """Fold one tick; a stage that fails leaves the filter's state as it was."""
         moved, observed = self._moved(tick), self._observed(tick)
         failures = [f for f in (moved.failure, observed.failure) if f is not None]
         report = Report()
         state, belief = carried.state, carried.belief
-        result: Any
+        answer: Answer | None
         if state is None:
-            result = self._begin(tick, observed.observations)
+            answer = self._begin(tick, observed.observations)
         else:
-            rng = self._streams.at(self._epoch, tick, "filter")
-            arguments = (state, moved.motion, observed.observations, rng)
-            result = self._call(self._stage, self._checked_step, self._filter.step, *arguments)
-        if isinstance(result, Failure):
-            failures.append(result)
-        elif result is not None:
-            seen = self._call(self._stage, checked_belief, self._filter.estimate, result[0])
-            if isinstance(seen, Failure):
-                failures.append(seen)
-            else:
-                (state, report), belief = result, seen
+            rng = partial(self._streams.at, self._epoch, tick, "filter")
+            answer = yield Asked(self._stage, state, moved.motion, observed.observations, rng)
+        if isinstance(answer, Failure):
+            failures.append(answer)
+        elif answer is not None:
+            state, report, belief = answer.state, answer.report, answer.belief
         carried = Carried(
             state,
             belief,
@@ -121,8 +110,8 @@ class Tracker:
         """Return the state that ``kept`` holds."""
         return Carried(unpacked_state(kept.state, self._stage), kept.belief, kept.motion_ns, kept.used_ns)
 
-    def _begin(self, tick: int, observations: tuple[Observation, ...]) -> Any:
-        """Try to start the filter; return (state, report), None if it still waits, or the failure."""
+    def _begin(self, tick: int, observations: tuple[Observation, ...]) -> Answer | None:
+        """Try to start the filter; return None if it still waits."""
         t_ns = tick * TICK_NS
         if self._known is not None:
             if self._known.t_ns > t_ns:
@@ -138,15 +127,12 @@ class Tracker:
             if isinstance(state, Failure):
                 return state
             if state is not None:
-                return state, Report(used=int(prior.fix is not None), reasons=("started",))
+                report = Report(used=int(prior.fix is not None), reasons=("started",))
+                return seen(self._stage, state, report, self._call)
         return None
 
     def _checked_start(self, state: Any) -> Any:
         return None if state is None else self._call.state(self._stage, state)
-
-    def _checked_step(self, result: Any) -> tuple[Any, Report]:
-        state, report = result
-        return self._call.state(self._stage, state), checked_report(report)
 
     def _estimate(self, carried: Carried, tick: int, report: Report, failures: list[Failure]) -> Estimate:
         t_ns = tick * TICK_NS

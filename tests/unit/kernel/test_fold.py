@@ -23,19 +23,19 @@ def test_any_budget_and_any_rewinding_give_what_folding_anew_gives(moves: list[t
         state = ((31 * state[0] + measured[tick] + tick) % 1_000_003,)
         return state, state[0]
 
-    fold = Fold(lambda: (7,), step, horizon=HORIZON, budget_bytes=budget)
+    fold = Fold(lambda: (7,), horizon=HORIZON, budget_bytes=budget)
     fold.begin(0)
     now, settled = -1, -1
     said: dict[int, int] = {}
     for what, n in moves:
         if what == "advance":
             now += n
-            fold.advance(now)
+            fold.advance(now, step)
         else:
             changed = max(settled + 1, now - n)
             measured[changed] += 1
             fold.rewind(changed)
-            fold.advance(now)
+            fold.advance(now, step)
         for k in range(settled + 1, now - HORIZON):
             said[k] = fold.outputs[k]
             settled = k
@@ -48,10 +48,10 @@ def test_any_budget_and_any_rewinding_give_what_folding_anew_gives(moves: list[t
 
 def test_checkpoints_of_large_states_are_fewer_than_ticks() -> None:
     large = np.zeros(10_000)
-    fold = Fold(lambda: large, lambda state, tick: (state, tick), horizon=50, budget_bytes=5 * large.nbytes)
+    fold = Fold(lambda: large, horizon=50, budget_bytes=5 * large.nbytes)
     fold.begin(0)
     for k in range(200):
-        fold.advance(k)
+        fold.advance(k, lambda state, tick: (state, tick))
         fold.forget(k - 50)
     assert len(fold._checkpoints) <= 8
 
