@@ -113,9 +113,9 @@ def test_a_thread_that_hangs_is_left_behind_and_others_go_on() -> None:
         [type(PLAIN[0])("p", PLAIN[0].filter, None, type(fingerprint)("fingerprint", "s", "s", Stuck()))]
     )
     kernel = Kernel([pipeline], SETTINGS)
-    locator = Locator(woken.set, timeout_s=0.05)
+    locator = Locator(kernel.questions, woken.set, timeout_s=0.05)
     for number, t_ms in enumerate((0, 1000), 1):
-        locator.ask(number, "d", kernel.questions(scan(t_ms, "wifi")))
+        locator.ask(number, scan(t_ms, "wifi"))
     done: list[Located] = []
     for _ in range(400):
         woken.wait(0.02)

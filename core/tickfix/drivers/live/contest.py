@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from tickfix.api import Estimate, Truth
+from tickfix.api import Truth
 from tickfix.drivers.live.anytime import AnytimeMean
+from tickfix.drivers.live.saying import Saying
 
 _KEPT: Final = 64
 WRONG_FLOOR_M: Final = 15.0
@@ -37,7 +38,7 @@ class _Mean:
 
 @dataclass(slots=True)
 class _Walk:
-    said: dict[str, deque[Estimate]] = field(default_factory=dict)
+    said: dict[str, deque[Saying]] = field(default_factory=dict)
     errors: dict[str, _Mean] = field(default_factory=dict)
 
 
@@ -65,9 +66,9 @@ class Contest:
         self._walks: dict[str, _Walk] = {}
         self._scores = {name: _Score() for name in names}
 
-    def said(self, published: Sequence[Estimate]) -> None:
+    def said(self, published: Sequence[Saying]) -> None:
         """Take note of estimates that closed a tick, all pipelines' of it."""
-        by_tick: dict[tuple[str, int], dict[str, Estimate]] = {}
+        by_tick: dict[tuple[str, int], dict[str, Saying]] = {}
         for estimate in published:
             walk = self._walks.setdefault(estimate.device, _Walk())
             walk.said.setdefault(estimate.pipeline, deque(maxlen=_KEPT)).append(estimate)
@@ -127,17 +128,17 @@ class Contest:
         }
 
 
-def _apart(one: Estimate, other: Estimate | None) -> float | None:
-    if other is None or one.belief is None or other.belief is None or one.belief.floor != other.belief.floor:
+def _apart(one: Saying, other: Saying | None) -> float | None:
+    if other is None or one.xy is None or other.xy is None or one.floor != other.floor:
         return None
-    return math.dist(one.belief.xy.tolist(), other.belief.xy.tolist())
+    return math.dist(one.xy, other.xy)
 
 
-def _error(said: Sequence[Estimate], truth: Truth) -> float | None:
+def _error(said: Sequence[Saying], truth: Truth) -> float | None:
     """Return the error of the newest estimate of a tick no later than the waypoint, in metres."""
-    by_then = [e for e in said if e.t_ns <= truth.t_ns and e.belief is not None]
-    if not by_then or by_then[-1].belief is None:
+    by_then = [(s.floor, s.xy) for s in said if s.t_ns <= truth.t_ns and s.xy is not None]
+    if not by_then:
         return None
-    belief = by_then[-1].belief
-    penalty_m = 0.0 if belief.floor == truth.floor else WRONG_FLOOR_M
-    return math.dist(belief.xy.tolist(), truth.xy.tolist()) + penalty_m
+    floor, xy = by_then[-1]
+    penalty_m = 0.0 if floor == truth.floor else WRONG_FLOOR_M
+    return math.dist(xy, truth.xy.tolist()) + penalty_m

@@ -2,34 +2,58 @@
 
 One round takes what waits in the hub, feeds it, runs every device that it touched and every one whose tick is due,
 commits the journal once, and only then publishes and acknowledges. So nobody hears what a restart could not repeat.
+Rounds begin at least a few milliseconds apart: devices that are due at about the same time are folded together.
 """
 
 from __future__ import annotations
 
-from collections import Counter, deque
+import time
+from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final
 
-from tickfix.api import Scan, Truth
+from tickfix.api import Event, Scan, Truth
+from tickfix.drivers.live.commands import obey
 from tickfix.drivers.live.deadlines import Deadlines
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
-from tickfix.drivers.live.locating import Locator
 from tickfix.drivers.live.outbox import Outbox
 from tickfix.drivers.live.overload import Overload
-from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.replica import Done, Feed, Replica, Step
+from tickfix.drivers.live.scans import Decided, Locating, Scans
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.speaker import Speaker
-from tickfix.kernel import Outcome
+from tickfix.kernel import Outcome, Standing
 from tickfix.ports import Clock, Command, Hub, Incoming
 from tickfix.ports.intake import Item
 from tickfix.wire import Bye, Hello
-from tickfix.wire.decisions import Drop, Finish, Fold, Primary, Run
+from tickfix.wire.decisions import Drop, Finish, Run
 
 _IDLE_S: Final = 0.25
 _MOST: Final = 2_000
 _LOOK_NS: Final = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A step to be done, and whom it concerns.
+
+    Attributes:
+        step: what the replica is to do.
+        device: whose.
+        since_ns: from when on it could be done, on our clock; None where nobody waited for it.
+        item: the message that brought it, to be answered with what comes of it.
+        answer: what is answered if the step itself has no outcome, and why.
+    """
+
+    step: Step
+    device: str
+    since_ns: int | None
+    item: Incoming | None = None
+    answer: tuple[Outcome, str] = (Outcome.ACCEPTED, "")
 
 
 class Engine:
@@ -37,6 +61,7 @@ class Engine:
 
     Args:
         replica: begun, or restored.
+        locating: locates scans beside the loop, and wakes the hub when one is done.
         names: of the pipelines, in their order.
         after_round: called with the engine after each round, at least four times a second.
         tell: told, in a sentence, what an operator must know.
@@ -45,6 +70,7 @@ class Engine:
     def __init__(
         self,
         replica: Replica,
+        locating: Locating,
         hub: Hub,
         ledger: Ledger,
         settings: LiveSettings,
@@ -65,20 +91,16 @@ class Engine:
         self._after_round = after_round
         self._tell = tell
         self._deadlines = Deadlines(round(settings.grace_ms * 1e6), round(settings.coast_s * 1e9))
-        self._locator = Locator(
-            hub.wake,
-            threads=settings.locators,
-            timeout_s=settings.locate_timeout_s,
-            clock_ns=self._clock.monotonic_ns,
-        )
         self._overload = Overload(settings.overload_s)
-        self._asked: dict[int, Incoming] = {}
-        self._to_locate: dict[str, deque[int]] = {}
-        self._in_flight: set[tuple[str, str, int]] = set()
+        self._scans = Scans(locating)
+        self._standings: dict[str, Standing] = {}
+        self._tasks: list[Task] = []
+        self._gathered_numbers: set[tuple[str, str, int]] = set()
         self._outbox = Outbox(hub, ledger, on_disk=settings.durability == "ack", tell=tell)
         self._speaker = Speaker(replica, ledger, self._outbox, settings, site=site, names=names, clock=self._clock)
         self._stopping = False
         self._looked_ns = 0
+        self._round_ns = 0
         self.work = Histogram()
         self.counts: Counter[str] = Counter()
 
@@ -91,19 +113,19 @@ class Engine:
 
     def report(self) -> dict[str, Any]:
         """Return what an operator wants to know, as plain values."""
-        kernel = self._replica.kernel
+        books = self._replica.books()
         return {
-            "devices": len(kernel.devices),
+            "devices": books.devices,
             "ticks": self._speaker.ticks,
             "lateness_ms": self._speaker.lateness.summary(),
             "work_ms": self.work.summary(),
-            "measurements": dict(kernel.measurements),
-            "failures": dict(kernel.failures),
+            "measurements": books.measurements,
+            "failures": books.failures,
             "journal": self._ledger.status(),
             "overload": self.overload,
             "comparison": self._speaker.contest.report(),
             "primary": self._speaker.primary,
-            "scans": {"being located": self._locator.waiting, "given up": self.counts["scans given up"]},
+            "scans": {"being located": self._scans.being_located, "given up": self.counts["scans given up"]},
             "rounds": self.counts["rounds"],
             "withheld": self._speaker.withheld,
             "overloads": self.counts["overloads"],
@@ -112,31 +134,24 @@ class Engine:
 
     def devices(self, most: int) -> tuple[dict[str, Any], ...]:
         """Return how far each device has come, ``most`` of them."""
-        kernel, found = self._replica.kernel, []
-        for device in kernel.devices[:most]:
-            standing = kernel.standing(device)
-            if standing is not None:
-                found.append(
-                    {
-                        "device": device,
-                        "epoch": standing.epoch,
-                        "newest_ns": standing.newest_ns,
-                        "next_tick": standing.next_tick,
-                        "clock_offset_ns": self._deadlines.offset_ns(device),
-                    }
-                )
-        return tuple(found)
+        return tuple(
+            {
+                "device": device,
+                "epoch": standing.epoch,
+                "newest_ns": standing.newest_ns,
+                "next_tick": standing.next_tick,
+                "clock_offset_ns": self._deadlines.offset_ns(device),
+            }
+            for device, standing in islice(self._standings.items(), most)
+        )
 
     def adopt(self) -> None:
         """Take over what the replica was restored with: its devices and the scans that wait to be located."""
         now_ns = self._clock.monotonic_ns()
-        for device in self._replica.kernel.devices:
-            standing = self._replica.kernel.standing(device)
-            if standing is not None and standing.newest_ns is not None:
-                self._deadlines.heard(device, standing.newest_ns, standing.next_tick, arrived_ns=now_ns)
-        for number, scan in self._replica.waiting.items():
-            self._in_flight.add((scan.device, scan.session, scan.seq))
-            self._ask(number, scan)
+        self._standings = self._replica.standings()
+        for device in self._standings:
+            self._heard(device, now_ns)
+        self._scans.adopt(self._replica.waiting)
 
     def serve(self) -> None:
         """Run until told to stop, by :meth:`stop` or over the control port.
@@ -147,9 +162,9 @@ class Engine:
         """
         try:
             while not self._stopping:
-                self._round(self._wait_s())
+                self._round(self._gathered())
         finally:
-            self._locator.stop()
+            self._scans.stop()
 
     def stop(self) -> None:
         """Stop after this round; from any thread."""
@@ -158,9 +173,18 @@ class Engine:
 
     def drain(self) -> None:
         """Settle all that is known of every device."""
-        for device in self._replica.kernel.devices:
+        for device in tuple(self._standings):
             self._finish(device, "drained")
         self._outbox.flush(self._replica.snapshot, self._clock.monotonic_ns())
+
+    def _gathered(self) -> list[Item]:
+        """Wait until something is there or due, and until the last round is long enough ago."""
+        items = self._hub.take(self._wait_s(), _MOST)
+        early_ns = self._round_ns + round(self._settings.round_ms * 1e6) - self._clock.monotonic_ns()
+        if early_ns > 0:
+            time.sleep(early_ns * 1e-9)
+            items += self._hub.take(0.0, _MOST - len(items))
+        return items
 
     def _wait_s(self) -> float:
         next_ns = None if self._outbox.full else self._deadlines.next_ns()
@@ -168,130 +192,127 @@ class Engine:
             return _IDLE_S
         return min(_IDLE_S, max(0.0, (next_ns - self._clock.monotonic_ns()) * 1e-9))
 
-    def _round(self, wait_s: float) -> None:
-        items = self._hub.take(wait_s, _MOST)
-        begun_ns = self._clock.monotonic_ns()
+    def _round(self, items: Sequence[Item]) -> None:
+        begun_ns = self._round_ns = self._clock.monotonic_ns()
         self.counts["rounds"] += 1
-        touched: dict[str, int] = {}
         for item in items:
             if isinstance(item, Command):
+                self._do_tasks()
                 stops = obey(item, self._hub, self._replica, self._ledger, self._names, self.drain)
                 self._stopping = self._stopping or stops
             elif self._outbox.full:
                 self._hub.answer(item, Outcome.BUSY, self._outbox.full)
             else:
-                self._take_in(item, touched)
-        due: list[tuple[str, int, int]] = []
+                self._take_in(item)
+        oldest_ns = None
         if not self._outbox.full:
-            self._let_in(touched)
-            due = self._deadlines.due(begun_ns)
-            for device, received_ns in touched.items():
-                self._run(device, None, received_ns)
-            for device, tick, due_ns in due:
-                self._run(device, tick, due_ns)
+            decided = self._scans.decided()
+            self.counts["scans given up"] += sum(isinstance(found.decision, Drop) for found in decided)
+            self._let_in(decided)
+            oldest_ns = self._run_what_is_due(begun_ns)
+            self._do_tasks()
             self._expire(begun_ns)
         self._outbox.flush(self._replica.snapshot, begun_ns)
         now_ns = self._clock.monotonic_ns()
-        oldest_ns = min([due_ns for _, _, due_ns in due] + list(touched.values()), default=now_ns)
-        if due or touched:
+        if oldest_ns is not None:
             self.work.add((now_ns - begun_ns) * 1e-6)
-        self._watch(now_ns - oldest_ns, now_ns)
+        self._watch(0 if oldest_ns is None else now_ns - oldest_ns, now_ns)
         self._after_round(self)
 
-    def _take_in(self, item: Incoming, touched: dict[str, int]) -> None:
+    def _take_in(self, item: Incoming) -> None:
         event = item.event
         if isinstance(event, Hello):
             self._outbox.answer(item, Outcome.ACCEPTED)
             return
         if isinstance(event, Bye):
+            self._do_tasks()
             self._finish(event.device, "bye")
             self._outbox.answer(item, Outcome.ACCEPTED)
             return
-        number = (event.device, event.session, event.seq)
-        if (event.seq > 0 and number in self._in_flight) or self._replica.kernel.repeats(event):
+        if event.seq > 0 and self._is_known(event):
             self._outbox.answer(item, Outcome.DUPLICATE)
             return
         if isinstance(event, Truth):
             self._speaker.contest.truth(event)
-        record = self._ledger.event(event)
-        outcome = self._replica.event(record, event)
-        if outcome is not None:
-            self._outbox.answer(item, outcome)
-            self._heard(event.device, item.received_ns, touched)
-        elif isinstance(event, Scan):
-            self._asked[record] = item
-            self._in_flight.add(number)
-            self._ask(record, event)
+        self._gathered_numbers.add((event.device, event.session, event.seq))
+        self._tasks.append(Task(Feed(self._ledger.event(event), event), event.device, item.received_ns, item))
 
-    def _ask(self, number: int, scan: Scan) -> None:
-        """Have a scan located; those of a device one after the other, since each stands in the next one's window."""
-        queue = self._to_locate.setdefault(scan.device, deque())
-        queue.append(number)
-        if len(queue) == 1:
-            self._locator.ask(number, scan.device, self._replica.kernel.questions(scan))
-
-    def _let_in(self, touched: dict[str, int]) -> None:
+    def _let_in(self, decided: Sequence[Decided]) -> None:
         """Fold the scans that are located by now, and give up those that will not be."""
-        for located in self._locator.done():
-            scan = self._replica.waiting.get(located.number)
-            if scan is None:
-                continue  # its device is gone
-            if located.reason:
-                self.counts["scans given up"] += 1
-                self._decide_on_scan(Drop(number=located.number, reason=located.reason), scan)
+        for found in decided:
+            decision, scan, item = found.decision, found.scan, found.item
+            self._ledger.decision(decision, scan.device, scan.t_ns)
+            since_ns = self._clock.monotonic_ns() if item is None else item.received_ns
+            why = decision.reason if isinstance(decision, Drop) else ""
+            self._tasks.append(Task(decision, scan.device, since_ns, item, (Outcome.ACCEPTED, why)))
+
+    def _run_what_is_due(self, now_ns: int) -> int | None:
+        """Run the devices that something came from, and those whose tick is due; return since when the first was."""
+        runs: dict[str, tuple[int | None, int]] = {}
+        for task in self._tasks:
+            if task.since_ns is not None and not isinstance(task.step, Drop) and not _only_waits(task.step):
+                since_ns = runs.get(task.device, (None, task.since_ns))[1]
+                runs[task.device] = None, min(since_ns, task.since_ns)
+        for device, tick, due_ns in self._deadlines.due(now_ns):
+            runs[device] = tick, min(due_ns, runs.get(device, (None, due_ns))[1])
+        self._tasks += [Task(Run(device=d, tick=tick), d, since_ns) for d, (tick, since_ns) in runs.items()]
+        return min((since_ns for _, since_ns in runs.values()), default=None)
+
+    def _do_tasks(self) -> None:
+        """Have the replica do what was gathered, and tell everybody what came of it."""
+        tasks, self._tasks = self._tasks, []
+        self._gathered_numbers.clear()
+        for task, done in zip(tasks, self._replica.apply([task.step for task in tasks]), strict=True):
+            if done.standing is not None:
+                self._standings[task.device] = done.standing
+            if isinstance(task.step, Run):
+                self._ran(task, task.step, done)
+            elif isinstance(task.step, Feed) and isinstance(task.step.event, Scan):
+                self._scans.add(task.step.number, task.step.event, task.item)
             else:
-                received_ns = self._decide_on_scan(Fold(number=located.number), scan)
-                self._heard(scan.device, received_ns, touched)
-            self._ask_next(scan.device)
+                self._entered(task, done)
 
-    def _ask_next(self, device: str) -> None:
-        queue = self._to_locate[device]
-        queue.popleft()
-        if queue:
-            self._locator.ask(queue[0], device, self._replica.kernel.questions(self._replica.waiting[queue[0]]))
-        else:
-            del self._to_locate[device]
+    def _entered(self, task: Task, done: Done) -> None:
+        """An event is in its timeline, or never will be: say so."""
+        outcome, why = task.answer
+        if task.item is not None:
+            self._outbox.answer(task.item, done.outcome or outcome, why)
+        if done.outcome is not None and task.since_ns is not None:
+            self._heard(task.device, task.since_ns)
 
-    def _decide_on_scan(self, decision: Fold | Drop, scan: Scan) -> int:
-        """Let a scan in or leave it out, and acknowledge it; return when it was received."""
-        self._in_flight.discard((scan.device, scan.session, scan.seq))
-        self._ledger.decision(decision, scan.device, scan.t_ns)
-        _, outcome = self._replica.decide(decision)
-        item = self._asked.pop(decision.number, None)
-        if item is None:
-            return self._clock.monotonic_ns()
-        detail = decision.reason if isinstance(decision, Drop) else ""
-        self._outbox.answer(item, outcome or Outcome.ACCEPTED, detail)
-        return item.received_ns
+    def _ran(self, task: Task, run: Run, done: Done) -> None:
+        standing = self._standings.get(task.device)
+        if standing is not None:
+            self._deadlines.closed(task.device, standing.next_tick)
+        if done.spoke:
+            newest_ns = 0 if standing is None or standing.newest_ns is None else standing.newest_ns
+            self._ledger.decision(run, task.device, newest_ns)
+            self._speaker.say(done.said, task.since_ns)
 
-    def _heard(self, device: str, received_ns: int, touched: dict[str, int]) -> None:
-        standing = self._replica.kernel.standing(device)
+    def _heard(self, device: str, received_ns: int) -> None:
+        standing = self._standings.get(device)
         if standing is not None and standing.newest_ns is not None:
             self._deadlines.heard(device, standing.newest_ns, standing.next_tick, arrived_ns=received_ns)
-            touched[device] = received_ns
 
-    def _run(self, device: str, tick: int | None, due_ns: int) -> None:
-        decision = Run(device=device, tick=tick)
-        output, _ = self._replica.decide(decision)
-        standing = self._replica.kernel.standing(device)
-        if standing is not None:
-            self._deadlines.closed(device, standing.next_tick)
-        if output.published or output.revised or output.settled:
-            newest_ns = 0 if standing is None or standing.newest_ns is None else standing.newest_ns
-            self._ledger.decision(decision, device, newest_ns)
-            self._speaker.say(output, due_ns)
+    def _is_known(self, event: Event) -> bool:
+        """Tell whether a message with this number came before: it waits, is gathered, or was fed."""
+        return (
+            (event.device, event.session, event.seq) in self._gathered_numbers
+            or self._scans.is_in_flight(event)
+            or self._replica.repeats(event)
+        )
 
     def _finish(self, device: str, reason: str) -> None:
-        if device not in self._replica.kernel.devices:
+        if device not in self._standings:
             return
-        for number, scan in [(n, s) for n, s in self._replica.waiting.items() if s.device == device]:
-            self._decide_on_scan(Drop(number=number, reason=f"the device is gone: {reason}"), scan)
-        self._to_locate.pop(device, None)
+        self._let_in(self._scans.drop(device, f"the device is gone: {reason}"))
+        self._do_tasks()
         decision = Finish(device=device, reason=reason)
-        output, _ = self._replica.decide(decision)
+        (done,) = self._replica.apply([decision])
         self._ledger.decision(decision, device, 0)
-        self._speaker.say(output, None)
+        self._speaker.say(done.said, None)
         self._speaker.contest.finish(device)
+        del self._standings[device]
         self._deadlines.forget(device)
         self._hub.forget(device)
 
@@ -318,42 +339,6 @@ class Engine:
         self._tell(f"{message}; new devices are refused until it keeps up")
 
 
-def obey(
-    command: Item, hub: Hub, replica: Replica, ledger: Ledger, names: Sequence[str], drain: Callable[[], None]
-) -> bool:
-    """Do what the control port was told; return whether the engine is to stop.
-
-    Args:
-        command: what else came in is refused: nobody is there to take it.
-        drain: settles all that is known of every device.
-    """
-    if not isinstance(command, Command):
-        hub.answer(command, Outcome.BUSY, "this engine takes nothing in")
-        return False
-    if command.what == "stop":
-        command.reply(*_done("stopping"))
-        return True
-    if command.what == "drain":
-        hub.refuse_all("the engine is being drained")
-        drain()
-        command.reply(*_done("drained: every track is settled; stopping"))
-        return True
-    name = command.args.get("pipeline")
-    if command.what != "primary":
-        command.reply(*_refused(f"what: found {command.what!r}, expected drain, stop or primary"))
-    elif name not in names:
-        command.reply(*_refused(f"pipeline: found {name!r}, expected one of {', '.join(names)}"))
-    else:
-        decision = Primary(pipeline=str(name))
-        ledger.decision(decision, "", 0)
-        replica.decide(decision)
-        command.reply(*_done(f"{name} is published from now on"))
-    return False
-
-
-def _done(what: str) -> tuple[bool, str]:
-    return True, what
-
-
-def _refused(why: str) -> tuple[bool, str]:
-    return False, why
+def _only_waits(step: Step) -> bool:
+    """Tell whether a step changes nothing that a run could fold: a scan is located first, and truth is for nobody."""
+    return isinstance(step, Feed) and isinstance(step.event, Scan | Truth)

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final
 
 import msgspec
@@ -18,7 +19,7 @@ import zmq
 from tickfix.api import Truth
 from tickfix.client import Keys
 from tickfix.client.connection import connect, open_socket
-from tickfix.drivers.live.engine import obey
+from tickfix.drivers.live.commands import obey
 from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.outbox import Outbox
@@ -108,16 +109,16 @@ class Follower:
 
     def report(self) -> dict[str, Any]:
         """Return what an operator wants to know, as plain values."""
-        kernel = self._replica.kernel
+        books = self._replica.books()
         return {
             "following": self._address,
             "leader": self._run,
-            "devices": len(kernel.devices),
+            "devices": books.devices,
             "ticks": self._speaker.ticks,
             "lateness_ms": self._speaker.lateness.summary(),
             "work_ms": self.work.summary(),
-            "measurements": dict(kernel.measurements),
-            "failures": dict(kernel.failures),
+            "measurements": books.measurements,
+            "failures": books.failures,
             "journal": self._ledger.status(),
             "overload": self._outbox.full or None,
             "primary": self._speaker.primary,
@@ -127,12 +128,9 @@ class Follower:
 
     def devices(self, most: int) -> tuple[dict[str, Any], ...]:
         """Return how far each device has come, ``most`` of them."""
-        kernel = self._replica.kernel
-        standings = [(device, kernel.standing(device)) for device in kernel.devices[:most]]
         return tuple(
             {"device": device, "epoch": s.epoch, "newest_ns": s.newest_ns, "next_tick": s.next_tick}
-            for device, s in standings
-            if s is not None
+            for device, s in islice(self._replica.standings().items(), most)
         )
 
     def _round(self) -> None:
@@ -198,9 +196,9 @@ class Follower:
             decision = msgspec.structs.replace(decision, number=own)
         elif isinstance(decision, Run | Finish):
             device = decision.device
-        output, _ = self._replica.decide(decision)
+        (done,) = self._replica.apply([decision])
         self._ledger.decision(decision, device, 0)
-        self._speaker.say(output, now_ns)
+        self._speaker.say(done.said, now_ns)
         if isinstance(decision, Finish):
             self._speaker.contest.finish(decision.device)
             self._hub.forget(device)

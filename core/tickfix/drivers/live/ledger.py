@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tickfix.api import Estimate, Event
+from tickfix.api import Event
+from tickfix.drivers.live.saying import Saying
 from tickfix.journal import JournalWriter, Kind
 from tickfix.ports import Hub
-from tickfix.wire import encode_estimate, encode_event
+from tickfix.wire import encode_event
 from tickfix.wire.decisions import Decision, encode_decision
 
 
@@ -39,12 +40,10 @@ class Ledger:
         number = self._append(Kind.DECISION, device, t_ns, payload)
         self._followed.append((b"decision", number, payload))
 
-    def estimate(self, estimate: Estimate) -> bytes:
-        """Write down an estimate, and return its bytes."""
-        payload = encode_estimate(estimate)
-        kind = Kind.REVISION if estimate.revision else Kind.ESTIMATE
-        self._append(kind, estimate.device, estimate.t_ns, payload)
-        return payload
+    def estimate(self, said: Saying) -> None:
+        """Write down an estimate."""
+        kind = Kind.REVISION if said.revision else Kind.ESTIMATE
+        self._append(kind, said.device, said.t_ns, said.body)
 
     def commit(self) -> int:
         """Make what was written down survive this process, show it to those who follow, and return the last number.

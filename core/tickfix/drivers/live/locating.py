@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from hashlib import blake2b
 from typing import Any, Final
 
-from tickfix.api import Readings, Window
+from tickfix.api import Readings, Scan, Window
 from tickfix.api.packing import pack
 from tickfix.kernel import Pipeline, Question, Stage
 
@@ -112,6 +112,7 @@ class Locator:
     until one comes back.
 
     Args:
+        questions: returns what the fingerprints will be asked once a scan is fed; called where :meth:`ask` is.
         wake: called, from any thread, when something is done.
         threads: that work at once.
         timeout_s: for one scan; after that it is given up.
@@ -120,6 +121,7 @@ class Locator:
 
     def __init__(
         self,
+        questions: Callable[[Scan], Sequence[Question]],
         wake: Callable[[], None],
         *,
         threads: int = 1,
@@ -127,6 +129,7 @@ class Locator:
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """Start the threads."""
+        self._questions = questions
         self._wake = wake
         self._timeout_ns = round(timeout_s * 1e9)
         self._clock_ns = clock_ns
@@ -141,10 +144,11 @@ class Locator:
         for _ in range(threads):
             self._spawn()
 
-    def ask(self, number: int, device: str, questions: Sequence[Question]) -> None:
+    def ask(self, number: int, scan: Scan) -> None:
         """Answer the questions that the scan of record ``number`` raises."""
+        questions = self._questions(scan)
         with self._condition:
-            self._queue.append(_Job(number, device, questions, self._clock_ns()))
+            self._queue.append(_Job(number, scan.device, questions, self._clock_ns()))
             self._condition.notify()
 
     def done(self) -> list[Located]:

@@ -2,14 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from tickfix.api import Event, Scan
 from tickfix.api.packing import pack, unpack
-from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Output, Pipeline, Stage
+from tickfix.drivers.live.saying import Saying
+from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Output, Pipeline, Stage, Standing
 from tickfix.wire import decode_event, encode_event
 from tickfix.wire.decisions import Decision, Drop, Finish, Fold, Primary, Run
+
+
+@dataclass(frozen=True, slots=True)
+class Feed:
+    """An event enters, as the record of this number."""
+
+    number: int
+    event: Event
+
+
+Step: TypeAlias = Feed | Decision
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What came of a step.
+
+    Attributes:
+        outcome: of the event, or of the scan that a decision let in; None where there is none, or it waits.
+        said: estimates in the order in which they are journaled: what was revised, then what closed a tick.
+        spoke: whether a journal must have the decision: something was said, or settled.
+        standing: how far the device has come; None for one that is not followed.
+    """
+
+    outcome: Outcome | None = None
+    said: tuple[Saying, ...] = ()
+    spoke: bool = False
+    standing: Standing | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Books:
+    """Counters of a kernel: devices followed, measurements by what became of them, failures by stage."""
+
+    devices: int
+    measurements: Mapping[str, int]
+    failures: Mapping[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +84,25 @@ class Replica:
         self._waiting: dict[int, Scan] = {}
         self.primary = ""
 
+    def apply(self, steps: Iterable[Step]) -> list[Done]:
+        """Do the steps in their order and return what came of each; neighbouring runs are done together."""
+        done: list[Done] = []
+        runs: dict[str, int | None] = {}
+        for step in steps:
+            if isinstance(step, Run) and step.device not in runs:
+                runs[step.device] = step.tick
+                continue
+            done += self._run(runs)
+            runs = {}
+            if isinstance(step, Run):
+                runs[step.device] = step.tick
+            elif isinstance(step, Feed):
+                outcome = self.event(step.number, step.event)
+                done.append(Done(outcome, standing=self.kernel.standing(step.event.device)))
+            else:
+                done.append(self._decided(step))
+        return done + self._run(runs)
+
     def event(self, number: int, event: Event) -> Outcome | None:
         """Take in the event of record ``number``; None means that it waits for a decision."""
         if isinstance(event, Scan):
@@ -66,6 +124,20 @@ class Replica:
         elif isinstance(decision, Primary):
             self.primary = decision.pipeline
         return Output(), None
+
+    def repeats(self, event: Event) -> bool:
+        """Tell whether the event would be a duplicate by its number, without taking note of it."""
+        return self.kernel.repeats(event)
+
+    def standings(self) -> dict[str, Standing]:
+        """Return how far each device has come."""
+        standings = {device: self.kernel.standing(device) for device in self.kernel.devices}
+        return {device: standing for device, standing in standings.items() if standing is not None}
+
+    def books(self) -> Books:
+        """Return the counters as they are now."""
+        kernel = self.kernel
+        return Books(len(kernel.devices), dict(kernel.measurements), dict(kernel.failures))
 
     @property
     def waiting(self) -> Mapping[int, Scan]:
@@ -90,3 +162,19 @@ class Replica:
             event = decode_event(encoded)
             if isinstance(event, Scan):
                 self._waiting[number] = event
+
+    def _run(self, runs: Mapping[str, int | None]) -> list[Done]:
+        if not runs:
+            return []
+        outputs = self.kernel.run_many(list(runs.items()))
+        return [self._said(device, output) for device, output in zip(runs, outputs, strict=True)]
+
+    def _decided(self, decision: Decision) -> Done:
+        scan = self._waiting.get(decision.number) if isinstance(decision, Fold) else None
+        output, outcome = self.decide(decision)
+        device = decision.device if isinstance(decision, Finish) else "" if scan is None else scan.device
+        return self._said(device, output, outcome)
+
+    def _said(self, device: str, output: Output, outcome: Outcome | None = None) -> Done:
+        said = tuple(Saying.of(estimate) for estimate in (*output.revised, *output.published))
+        return Done(outcome, said, bool(said or output.settled), self.kernel.standing(device))

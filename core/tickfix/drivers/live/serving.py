@@ -20,7 +20,7 @@ from tickfix.drivers.live.engine import Engine
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.following import Follower, Leader
 from tickfix.drivers.live.ledger import Ledger
-from tickfix.drivers.live.locating import remembering
+from tickfix.drivers.live.locating import Locator, remembering
 from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.resuming import Resumed, manifest_of, resume
 from tickfix.drivers.live.settings import LiveSettings
@@ -129,7 +129,12 @@ def serve(
                 followed, replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
             )
         else:
-            engine = Engine(replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell)
+            locator = Locator(
+                replica.kernel.questions, hub.wake, threads=live.locators, timeout_s=live.locate_timeout_s
+            )
+            engine = Engine(
+                replica, locator, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
+            )
         engine.adopt()
         status.look(engine)
         if resumed is not None:

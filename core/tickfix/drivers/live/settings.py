@@ -22,6 +22,8 @@ class LiveSettings:
         publish: estimates of the primary only, or of all pipelines. The journal has all.
         overrun: what is published when several ticks of a device are folded at once because the loop is late: each of
             them, or the newest; ``fail`` stops the engine when it stays late. All of them are folded in any case.
+        round_ms: rounds of the loop begin at least so far apart, so that devices which are due at about the same time
+            are folded together; a position waits for half of it on the average.
         durability: with ``ack`` an acknowledgement waits until its event is on the disk. With ``interval`` it waits
             only until its event survives this process; a loss of power may cost the last ``journal.sync_ms``.
         locate_timeout_s: a scan that is not located by then is given up.
@@ -36,6 +38,7 @@ class LiveSettings:
     primary: str = ""
     publish: Literal["primary", "all"] = "primary"
     overrun: Literal["each", "newest", "fail"] = "each"
+    round_ms: Annotated[float, Meta(ge=0, le=100)] = 5.0
     durability: Literal["interval", "ack"] = "interval"
     locate_timeout_s: Positive = 5.0
     locators: Annotated[int, Meta(ge=1, le=64)] = 1

@@ -10,8 +10,8 @@ from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.outbox import Outbox
 from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.saying import Saying
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.kernel import Output
 from tickfix.ports import Clock, Said
 from tickfix.wire import Family
 
@@ -64,19 +64,20 @@ class Speaker:
         chosen = self._replica.primary or self._settings.primary
         return chosen if chosen in self._names else self._names[-1]
 
-    def say(self, output: Output, due_ns: int | None) -> None:
+    def say(self, said: Sequence[Saying], due_ns: int | None) -> None:
         """Write down what the kernel says; what is to be published waits for the commit.
 
         Args:
-            output: of a run of the kernel for one device.
+            said: in a run of the kernel for one device, revisions first.
             due_ns: when it could be said at the earliest; None where nobody waited for it.
         """
         now_ns, primary, everyone = self._clock.monotonic_ns(), self.primary, self._settings.publish == "all"
         overrun = due_ns is not None and now_ns - due_ns > TICK_NS and self._settings.overrun == "newest"
-        newest = output.published[-1].tick if output.published else None
-        self.contest.said(output.published)
-        for estimate in (*output.revised, *output.published):
-            body = self._ledger.estimate(estimate)
+        published = [estimate for estimate in said if not estimate.revision]
+        newest = published[-1].tick if published else None
+        self.contest.said(published)
+        for estimate in said:
+            self._ledger.estimate(estimate)
             if estimate.revision == 0 and estimate.pipeline == primary:
                 self.ticks += 1
                 if due_ns is not None:
@@ -86,6 +87,7 @@ class Speaker:
             if estimate.revision == 0 and overrun and estimate.tick != newest:
                 self.withheld += 1
                 continue
-            floor = None if estimate.belief is None else estimate.belief.floor
             family: Family = "revision" if estimate.revision else "estimate"
-            self._outbox.say(Said(family, self._site, floor, estimate.device, estimate.pipeline, body))
+            self._outbox.say(
+                Said(family, self._site, estimate.floor, estimate.device, estimate.pipeline, estimate.body)
+            )

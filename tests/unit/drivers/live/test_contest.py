@@ -8,6 +8,7 @@ import pytest
 from tickfix.api import Belief, Estimate, Status, Truth
 from tickfix.drivers.live.anytime import AnytimeMean
 from tickfix.drivers.live.contest import Contest
+from tickfix.drivers.live.saying import Saying
 
 
 @pytest.mark.parametrize(("law", "share"), [("normal", 0.05), ("heavy", 0.05), ("skewed", 0.12)])
@@ -37,9 +38,9 @@ def test_the_interval_finds_a_difference_in_the_end() -> None:
     assert mean.mean == pytest.approx(-0.5, abs=0.2)
 
 
-def said(pipeline: str, tick: int, x_m: float, device: str = "d", floor: str = "F") -> Estimate:
+def said(pipeline: str, tick: int, x_m: float, device: str = "d", floor: str = "F") -> Saying:
     belief = Belief(floor=floor, xy=np.array([x_m, 0.0]), covariance=np.eye(2))
-    return Estimate(
+    estimate = Estimate(
         device=device,
         pipeline=pipeline,
         epoch=0,
@@ -49,6 +50,7 @@ def said(pipeline: str, tick: int, x_m: float, device: str = "d", floor: str = "
         belief=belief,
         innovation_m=2.0 * x_m,
     )
+    return Saying.of(estimate)
 
 
 def truth(t_s: float, device: str = "d") -> Truth:
