@@ -138,6 +138,33 @@ class Filter(Protocol):
         ...
 
 
+class FilterOfMany(Filter, Protocol):
+    """A filter that may be asked for many devices at once; optional, for filters that are faster so.
+
+    Both methods must say, bit for bit, what ``step`` and ``estimate`` say of each device alone, whichever devices are
+    asked for together and in whichever order: no sum may run over devices, nor in an order that depends on how many
+    there are, as that of a matrix product does. Where ``step_many`` or ``estimate_many`` raises, the devices are asked
+    for one by one, so that only those fail that fail alone.
+    """
+
+    def step_many(
+        self,
+        states: Sequence[Any],
+        motions: Sequence[Motion],
+        observations: Sequence[Sequence[Observation]],
+        rngs: Sequence[Rng],
+    ) -> Sequence[tuple[Any, Report]]:
+        """Fold one tick of each device; all four are equally long, and so is what is returned.
+
+        No two of ``rngs`` are the same generator.
+        """
+        ...
+
+    def estimate_many(self, states: Sequence[Any]) -> Sequence[Belief]:
+        """Say what each state means."""
+        ...
+
+
 class _Base(ABC, Generic[P]):
     """What all bases share: the three things an algorithm is built of."""
 
@@ -240,7 +267,10 @@ class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
 
     def step(self, state: S, motion: Motion, observations: Sequence[Observation], rng: Rng) -> tuple[S, Report]:
         """Predict once, then update with each observation that has a fix."""
-        state = self.predict(state, motion, rng)
+        return self.correct(self.predict(state, motion, rng), observations, rng)
+
+    def correct(self, state: S, observations: Sequence[Observation], rng: Rng) -> tuple[S, Report]:
+        """Update a state that is predicted already with each observation that has a fix."""
         total = Report()
         for observation in observations:
             if observation.fix is not None:

@@ -27,6 +27,7 @@ import numpy as np
 
 from tickfix.api import (
     Belief,
+    Bools,
     Fix,
     Floats,
     Motion,
@@ -36,13 +37,14 @@ from tickfix.api import (
     Report,
     Rng,
     displacement,
-    wrap_rad,
 )
 from tickfix_filters.floors import OnFloor
+from tickfix_filters.fusion_belief import beliefs, mean_xy
+from tickfix_filters.fusion_motion import bias_prior, biases, heading_rad, walked
 from tickfix_filters.fusion_params import JIANG2015, FusionPfParams
-from tickfix_filters.fusion_state import BiasPrior, Particles, Unseen
+from tickfix_filters.fusion_state import Particles, Unseen, batches
 from tickfix_filters.noise import sigma_m
-from tickfix_filters.resampling import effective_number, normalised, spatial_median, systematic
+from tickfix_filters.resampling import effective_number, normalised, systematic
 
 _LOST: Final = 4.0  # surprise above which a belief is in doubt: twice σ per axis, over several fixes
 _LEARN: Final = 0.5
@@ -67,17 +69,18 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         self, state: Particles, motion: Motion, observations: Sequence[Observation], rng: Rng
     ) -> tuple[Particles, Report]:
         """Predict, correct, update and resample, steps 3 to 7 of section 6; see section 7 for what corrects."""
-        moved, report = super().step(state, motion, observations, rng)
-        if self.params.without_fix == "nothing":
-            return moved, report
-        if report.used:
-            return replace(moved, unseen=Unseen()), report
-        way = displacement(motion.distance_m, 0.0 if moved.heading_rad is None else moved.heading_rad)
-        motion_result = normalised(state.log_weights) @ state.xy + way  # eq. (13), and (17) with R = 0
-        squares: Floats = ((motion_result - moved.xy) ** 2).sum(axis=1) / self.params.fix_sigma_m**2
-        log_weights = moved.log_weights - 0.5 * squares  # eqs. (18), (19)
-        weighed = replace(moved, log_weights=log_weights, unseen=state.unseen.after(motion))
-        return self._resampled(weighed, rng), report
+        return self.step_many([state], [motion], [observations], [rng])[0]
+
+    def step_many(
+        self,
+        states: Sequence[Particles],
+        motions: Sequence[Motion],
+        observations: Sequence[Sequence[Observation]],
+        rngs: Sequence[Rng],
+    ) -> list[tuple[Particles, Report]]:
+        """Do the same for many devices."""
+        moved = self.predict_many(states, motions, rngs)
+        return [self._corrected(*each) for each in zip(states, moved, motions, observations, rngs, strict=True)]
 
     def begin(self, fix: Fix, rng: Rng) -> Particles:
         """Scatter the particles around the fix; their biases come with the first motion."""
@@ -88,38 +91,16 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
 
     def predict(self, state: Particles, motion: Motion, rng: Rng) -> Particles:
         """Walk every particle, [jiang2015] eq. (16), and let walls take their toll."""
-        n = len(state.xy)
-        dt = (motion.t1_ns - motion.t0_ns) * 1e-9
-        bias, scale, prior = state.bias_rad, state.scale, state.motion
-        own = float(self.params.own_ways)
-        if prior is None:
-            compass = motion.heading_rad is not None or not self.params.own_ways
-            prior = BiasPrior(own * motion.heading_bias_sigma_rad, own * motion.distance_scale_sigma, compass=compass)
-            bias, scale = _biases(prior, n, rng)
-        # Without compass the biases begin all around, and turns are all there is to follow.
-        heading = motion.heading_rad
-        if heading is None:
-            heading = float(wrap_rad((state.heading_rad or 0.0) + motion.turn_rad))
-        if self.params.own_ways and motion.turn_bias_sigma_rad:
-            bias = bias + motion.turn_bias_sigma_rad * rng.standard_normal(n)
-        move = self.params.diffusion_m * math.sqrt(dt) * rng.standard_normal((n, 2))
-        if not self.params.own_ways:
-            move += displacement(motion.distance_m, heading)
-        elif motion.distance_m or motion.distance_sigma_m:
-            distance = motion.distance_m * (1.0 + scale) + motion.distance_sigma_m * rng.standard_normal(n)
-            move += displacement(distance, heading + bias + motion.heading_sigma_rad * rng.standard_normal(n))
-        xy = state.xy + move
-        moved = replace(
-            state,
-            xy=xy,
-            bias_rad=bias,
-            scale=scale,
-            log_weights=state.log_weights + self._toll(state, xy, motion),
-            heading_rad=heading,
-            speed_mps=motion.distance_m / dt,
-            motion=prior,
-        )
-        return self._resampled(moved, rng)
+        return self.predict_many([state], [motion], [rng])[0]
+
+    def predict_many(
+        self, states: Sequence[Particles], motions: Sequence[Motion], rngs: Sequence[Rng]
+    ) -> list[Particles]:
+        """Do the same for many devices."""
+        moved: list[Particles] = []
+        for batch in batches(states):
+            moved += self._predicted(states[batch], motions[batch], rngs[batch])
+        return moved
 
     def update(self, state: Particles, fix: Fix, rng: Rng) -> tuple[Particles, Report]:
         """Weigh the particles by the fix, [jiang2015] eqs. (18)–(19): Student's t for what is new in its error."""
@@ -132,7 +113,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         error = (fix.xy - state.xy) / (self.params.fix_sigma_m or sigma_m(fix))
         squares: Floats = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
         log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
-        off = fix.xy - normalised(state.log_weights) @ state.xy
+        off = fix.xy - mean_xy(state)
         innovation_m = float(np.hypot(*off))
         counted = min(1.0, _FAR * self.params.astray_m / max(innovation_m, 1e-9)) * off
         astray = (1.0 - _LEARN_ASTRAY) * state.astray + _LEARN_ASTRAY * counted
@@ -154,23 +135,67 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
 
     def estimate(self, state: Particles) -> Belief:
         """Say where the particles are, and how far around."""
-        weights = normalised(state.log_weights)
-        centre: Floats = weights @ state.xy
-        if self.params.centre == "median":
-            centre = spatial_median(state.xy, weights, centre)
-        off = state.xy - centre
-        covariance = (weights[:, None] * off).T @ off + state.unseen.variance_m2 * np.eye(2)
-        heading = None
-        if state.heading_rad is not None:
-            turned = math.atan2(weights @ np.sin(state.bias_rad), weights @ np.cos(state.bias_rad))
-            heading = float(wrap_rad(state.heading_rad + turned))
-        return Belief(
-            floor=state.on.floor,
-            xy=centre,
-            covariance=covariance,
-            speed_mps=state.speed_mps,
-            heading_rad=heading,
+        return self.estimate_many([state])[0]
+
+    def estimate_many(self, states: Sequence[Particles]) -> list[Belief]:
+        """Do the same for many devices."""
+        return [
+            belief
+            for batch in batches(states)
+            for belief in beliefs(states[batch], median=self.params.centre == "median")
+        ]
+
+    def _predicted(
+        self, states: Sequence[Particles], motions: Sequence[Motion], rngs: Sequence[Rng]
+    ) -> list[Particles]:
+        """Walk the particles of D devices, N each."""
+        states = [self._biased(*each) for each in zip(states, motions, rngs, strict=True)]
+        headings = [heading_rad(*each) for each in zip(states, motions, strict=True)]
+        before, bias, scale, log_weights = (
+            np.stack([getattr(state, name) for state in states]) for name in ("xy", "bias_rad", "scale", "log_weights")
         )
+        xy, bias = walked(before, bias, scale, headings, motions, rngs, self.params)
+        log_weights += self._toll([state.on.floor for state in states], before, xy, [m.steps for m in motions])
+        weights = normalised(log_weights)
+        moved = []
+        for d, (state, motion) in enumerate(zip(states, motions, strict=True)):
+            moved.append(
+                replace(
+                    state,
+                    xy=xy[d].copy(),
+                    bias_rad=bias[d].copy(),
+                    log_weights=log_weights[d].copy(),
+                    heading_rad=headings[d],
+                    speed_mps=motion.distance_m / ((motion.t1_ns - motion.t0_ns) * 1e-9),
+                )
+            )
+        for d in np.flatnonzero(self._degenerate(weights)).tolist():
+            moved[d] = self._drawn(moved[d], weights[d], rngs[d])
+        return moved
+
+    def _biased(self, state: Particles, motion: Motion, rng: Rng) -> Particles:
+        """Draw the particles' biases where this is the first motion."""
+        if state.motion is not None:
+            return state
+        prior = bias_prior(motion, self.params)
+        bias, scale = biases(prior, len(state.xy), rng)
+        return replace(state, bias_rad=bias, scale=scale, motion=prior)
+
+    def _corrected(
+        self, before: Particles, moved: Particles, motion: Motion, observations: Sequence[Observation], rng: Rng
+    ) -> tuple[Particles, Report]:
+        """Weigh the particles of one device by its fixes, or by the motion result."""
+        state, report = self.correct(moved, observations, rng)
+        if self.params.without_fix == "nothing":
+            return state, report
+        if report.used:
+            return replace(state, unseen=Unseen()), report
+        way = displacement(motion.distance_m, 0.0 if state.heading_rad is None else state.heading_rad)
+        motion_result = mean_xy(before) + way  # eq. (13), and (17) with R = 0
+        squares: Floats = ((motion_result - state.xy) ** 2).sum(axis=1) / self.params.fix_sigma_m**2
+        log_weights = state.log_weights - 0.5 * squares  # eqs. (18), (19)
+        weighed = replace(state, log_weights=log_weights, unseen=before.unseen.after(motion))
+        return self._resampled(weighed, rng), report
 
     def _around(self, fix: Fix, n: int, rng: Rng) -> Floats:
         """Draw n places around the fix, those preferred where one can stand."""
@@ -182,14 +207,19 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         free = xy[floor_map.contains(xy)]
         return free[np.arange(n) % len(free)] if len(free) else floor_map.nearest_free(xy[:n])
 
-    def _toll(self, state: Particles, xy: Floats, motion: Motion) -> Floats | float:
-        """Return the logarithm of the weight that the map leaves to each particle: (N,), or 0 without a map."""
-        floor_map = self.context.maps.get(state.on.floor)
-        if floor_map is None:
-            return 0.0
-        toll = math.log(self.params.crossing_weight) * floor_map.crosses(state.xy, xy).astype(np.float64)
-        if motion.steps:
-            toll += motion.steps * math.log(self.params.outside_weight) * ~floor_map.contains(xy)
+    def _toll(self, floors: Sequence[str], before: Floats, xy: Floats, steps: Sequence[int]) -> Floats:
+        """Return the logarithm (D, N) of the weight that the maps leave to each particle that walked there."""
+        toll = np.zeros(xy.shape[:2])
+        for floor in set(floors) & set(self.context.maps):
+            floor_map = self.context.maps[floor]
+            here = np.flatnonzero([each == floor for each in floors])
+            crossed = floor_map.crosses(before[here].reshape(-1, 2), xy[here].reshape(-1, 2))
+            toll[here] = math.log(self.params.crossing_weight) * crossed.reshape(len(here), -1)
+            stepped = [d for d in here.tolist() if steps[d]]
+            if stepped:
+                outside = ~floor_map.contains(xy[stepped].reshape(-1, 2)).reshape(len(stepped), -1)
+                taken = np.array([steps[d] for d in stepped])[:, None]
+                toll[stepped] += taken * math.log(self.params.outside_weight) * outside
         return toll
 
     def _renewed(self, state: Particles, fix: Fix, rng: Rng) -> Particles:
@@ -207,7 +237,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         bias, scale = state.bias_rad.copy(), state.scale.copy()
         xy[those] = self._around(fix, n, rng)
         error[those] = (fix.xy - xy[those]) / sigma
-        bias[those], scale[those] = _biases(state.motion, n, rng)
+        bias[those], scale[those] = biases(state.motion, n, rng)
         log_weights[those] = average
         return replace(state, xy=xy, bias_rad=bias, scale=scale, error=error, log_weights=log_weights)
 
@@ -216,15 +246,23 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         anew = replace(self.begin(fix, rng), heading_rad=state.heading_rad, speed_mps=state.speed_mps)
         if state.motion is None:
             return anew
-        bias, scale = _biases(state.motion, len(anew.xy), rng)
+        bias, scale = biases(state.motion, len(anew.xy), rng)
         return replace(anew, bias_rad=bias, scale=scale, motion=state.motion)
 
     def _resampled(self, state: Particles, rng: Rng) -> Particles:
+        """Draw the particles anew, where their weights ask for it."""
         weights = normalised(state.log_weights)
+        return self._drawn(state, weights, rng) if self._degenerate(weights) else state
+
+    def _degenerate(self, weights: Floats) -> Bools:
+        """Tell which weights (…, N) ask for resampling; equal ones do not, whatever rounding makes of them."""
+        needed = self.params.resample_below * weights.shape[-1] * (1.0 - 1e-9)
+        degenerate: Bools = effective_number(weights) < needed
+        return degenerate
+
+    def _drawn(self, state: Particles, weights: Floats, rng: Rng) -> Particles:
+        """Draw the particles anew in proportion to their weights."""
         n = len(weights)
-        # Equal weights ask for nothing, whatever rounding makes of them.
-        if effective_number(weights) >= self.params.resample_below * n * (1.0 - 1e-9):
-            return state
         drawn = systematic(weights, rng) if self.params.resampling == "systematic" else rng.choice(n, n, p=weights)
         return replace(
             state,
@@ -232,11 +270,5 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             bias_rad=state.bias_rad[drawn],
             scale=state.scale[drawn],
             error=state.error[drawn],
-            log_weights=np.zeros(len(drawn)),
+            log_weights=np.zeros(n),
         )
-
-
-def _biases(prior: BiasPrior, n: int, rng: Rng) -> tuple[Floats, Floats]:
-    """Draw biases (n,) of the heading and of the length of steps."""
-    bias = prior.heading_rad * rng.standard_normal(n) if prior.compass else rng.uniform(-math.pi, math.pi, n)
-    return bias, prior.scale * rng.standard_normal(n)

@@ -1,5 +1,7 @@
 """Weights of particles, kept as logarithms, their middle, and resampling.
 
+Sets of N particles may stand side by side, in the last axis; each is treated as if it were alone, to the bit.
+
 Source: [arulampalam2002] Arulampalam et al., "A tutorial on particle filters for online nonlinear/non-Gaussian Bayesian
 tracking", IEEE Trans. Signal Processing 50 (2002).
 """
@@ -17,18 +19,20 @@ _NEAREST_M: Final = 0.3  # closer than this, the pull of a particle grows no fur
 
 
 def normalised(log_weights: Floats) -> Floats:
-    """Return weights (N,) that sum to one; all alike where every one of them is zero."""
-    highest = log_weights.max()
-    if highest == -np.inf:
-        return np.full(len(log_weights), 1.0 / len(log_weights))
+    """Return weights (…, N) that sum to one; all alike where every one of them is zero."""
+    highest = log_weights.max(axis=-1, keepdims=True)
+    hopeless = highest == -np.inf
+    if hopeless.any():
+        log_weights, highest = np.where(hopeless, 0.0, log_weights), np.where(hopeless, 0.0, highest)
     weights: Floats = np.exp(log_weights - highest)
-    weights /= weights.sum()
+    weights /= weights.sum(axis=-1, keepdims=True)
     return weights
 
 
-def effective_number(weights: Floats) -> float:
-    """Return 1/Σw², [arulampalam2002] eq. (51): how many particles the weights leave."""
-    return 1.0 / float(weights @ weights)
+def effective_number(weights: Floats) -> Floats:
+    """Return 1/Σw² (…), [arulampalam2002] eq. (51): how many particles the weights (…, N) leave."""
+    number: Floats = 1.0 / (weights * weights).sum(axis=-1)
+    return number
 
 
 def systematic(weights: Floats, rng: Rng) -> Ints:
@@ -39,13 +43,28 @@ def systematic(weights: Floats, rng: Rng) -> Ints:
     return np.searchsorted(cumulative, (np.arange(n) + rng.random()) / n).astype(np.int64)
 
 
-def spatial_median(xy: Floats, weights: Floats, start: Floats) -> Floats:
-    """Return about the point (2,) with the least mean distance from ``xy`` (N, 2), by a few of Weiszfeld's iterations.
+def weighted_mean(weights: Floats, values: Floats) -> Floats:
+    """Return Σ w·v (…) of each set, weights and values (…, N).
+
+    Not by a matrix product: how BLAS adds depends on how many sets there are.
+    """
+    mean: Floats = (weights * values).sum(axis=-1)
+    return mean
+
+
+def spatial_median(x: Floats, y: Floats, weights: Floats, start: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Return about the point with the least mean distance from (x, y), by a few of Weiszfeld's iterations.
 
     Where the particles stand in two crowds the mean lies between them, where nobody is; this lies in the larger.
+
+    Args:
+        x, y, weights: (…, N).
+        start: x and y (…) to begin at.
     """
-    point = start
+    median_x, median_y = start
     for _ in range(_WEISZFELD_ITERATIONS):
-        pull = weights / np.maximum(np.hypot(xy[:, 0] - point[0], xy[:, 1] - point[1]), _NEAREST_M)
-        point = pull @ xy / pull.sum()
-    return point
+        off_x, off_y = x - median_x[..., None], y - median_y[..., None]
+        pull = weights / np.maximum(np.sqrt(off_x * off_x + off_y * off_y), _NEAREST_M)
+        total = pull.sum(axis=-1)
+        median_x, median_y = weighted_mean(pull, x) / total, weighted_mean(pull, y) / total
+    return median_x, median_y

@@ -51,13 +51,15 @@ def from_where_nobody_surveyed(places: Floats) -> dict[int, Fix]:
 def test_a_wrong_start_that_walls_keep_wrong_ends_soon_after_fixes_become_right() -> None:
     motions, places = walk(40.0, north)
     seen = from_where_nobody_surveyed(places)
-    off = {}
-    for name, params in (("anew", {}), ("never", NEVER)):
-        pf = FusionPf(FusionPfParams(**params), MAPPED)
-        off[name] = errors(pf, fold(pf, motions, seen, np.random.default_rng(5)), places)
-    assert off["anew"][:50].min() > 15.0
-    assert off["anew"][100:].mean() < 5.0
-    assert off["never"][100:].mean() > 15.0
+    off: dict[str, list[float]] = {"anew": [], "never": []}
+    for seed in range(10):
+        for name, params in (("anew", {}), ("never", NEVER)):
+            pf = FusionPf(FusionPfParams(**params), MAPPED)
+            error = errors(pf, fold(pf, motions, seen, np.random.default_rng(seed)), places)
+            assert error[:50].min() > 15.0
+            off[name].append(float(error[100:].mean()))
+    assert max(off["anew"]) < 5.0
+    assert np.mean(off["never"]) > 2.0 * np.mean(off["anew"])
 
 
 def test_what_begins_anew_says_so_and_still_faces_the_same_way() -> None:
