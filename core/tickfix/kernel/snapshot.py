@@ -111,12 +111,12 @@ class DeviceSnapshot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSnapshot:
-    """The message numbers seen in one session."""
+    """The message numbers seen in one session: the highest, and as bits those missing below it."""
 
     device: str
     session: str
     highest: int
-    missing: Ints
+    gaps: bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -51,6 +51,20 @@ def test_a_message_with_a_number_seen_before_is_a_duplicate() -> None:
     assert run([*events, events[3], events[-1]]).outcomes[-2:] == (Outcome.DUPLICATE, Outcome.DUPLICATE)
 
 
+def test_of_a_device_that_left_the_numbers_of_its_last_two_sessions_are_known() -> None:
+    kernel = Kernel([toy_pipeline()], SETTINGS)
+    for session in range(20):
+        kernel.feed(sample(session / 10, session=str(session), seq=5_000))
+    assert len(kernel.snapshot().sessions) == 16
+    kernel.run("d")
+    kernel.finish("d")
+    kept = kernel.snapshot()
+    assert [one.session for one in kept.sessions] == ["18", "19"]
+    assert len(kept.packed()) < 2_000
+    for session, outcome in (("17", Outcome.ACCEPTED), ("18", Outcome.DUPLICATE), ("19", Outcome.DUPLICATE)):
+        assert kernel.feed(sample(1.0, session=session, seq=5_000)) is outcome
+
+
 def test_sequence_numbers_may_come_in_any_order_and_have_gaps() -> None:
     events = [replace(e, seq=7 * n) for n, e in enumerate(walk(0, 2), 1)]
     shuffled = [events[i] for i in np.random.default_rng(1).permutation(len(events))]
