@@ -25,6 +25,7 @@ from tickfix.api.algorithms import (
 from tickfix.api.arrays import Bools, Floats, Ints, frozen
 from tickfix.api.errors import ConfigError, EventError, PluginError, ReaderError, SiteError, TickfixError
 from tickfix.api.events import (
+    LATEST_NS,
     SENSORS,
     TICK_NS,
     Event,
@@ -56,6 +57,7 @@ from tickfix.api.values import (
 
 __all__ = [
     "API_VERSION",
+    "LATEST_NS",
     "SENSORS",
     "TICK_NS",
     "BaseFilter",

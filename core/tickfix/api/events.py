@@ -21,6 +21,10 @@ from tickfix.api.errors import EventError
 TICK_NS: Final = 200_000_000
 """The grid of device time: tick *k* is the instant ``k * TICK_NS`` and closes the interval before it."""
 
+LATEST_NS: Final = 2**62 - 1
+"""Times run from 0 to this (on a clock that counts from 1970, into the year 2116): a measurement with another one has
+no time, and is left out. There is room above it, so that ticks and sums of two times fit into 64 bits."""
+
 UNSET_NS: Final = -(2**63)
 """A time not told; the event fills in what its own content implies."""
 

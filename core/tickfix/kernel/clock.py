@@ -16,22 +16,25 @@ So no wrong timestamp, and no wrong batch shorter than that, makes what follows 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from bisect import bisect_left, insort
+from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Final
+from operator import itemgetter
+from typing import Any, Final, TypeAlias
 
 from tickfix.api.events import Fix, Scan
 from tickfix.kernel.measurements import Item
-from tickfix.kernel.snapshot import ClockSnapshot, HeldSnapshot, VotesSnapshot
+from tickfix.kernel.snapshot import ClockSnapshot, HeldSnapshot
 
 LEAP_NS: Final = 60_000_000_000
 """A jump ahead by more than this is not a gap but a new epoch."""
 _AGREEING: Final = 3
 _GAP_SPAN_NS: Final = 500_000_000
 _EPOCH_SPAN_NS: Final = 2_000_000_000
-_HELD_MOST: Final = 20_000
-_GAP: Final = (True, False)
-"""The side of what lies ahead, but not so far that a new epoch would begin; see :meth:`DeviceClock._side`."""
+_HELD_MOST: Final = 8_192
+"""Samples held at most; a scan counts for one and a quarter of its readings. Two seconds of a phone are far less."""
+_STREAMS: Final = 64
+"""Streams whose newest times are known at most: sources of scans and fixes have any name."""
 
 
 class Verdict(Enum):
@@ -53,18 +56,8 @@ class Held:
     ahead: bool
 
 
-@dataclass(slots=True)
-class Votes:
-    """Held samples that may confirm each other: all behind, within a minute ahead, or further ahead."""
-
-    held: list[Held] = field(default_factory=list)
-    oldest_ns: int = 2**63
-    newest_ns: int = -1
-
-    def add(self, held: Held) -> None:
-        """Take another one in."""
-        self.held.append(held)
-        self.oldest_ns, self.newest_ns = min(self.oldest_ns, held.t_ns), max(self.newest_ns, held.t_ns)
+_Entry: TypeAlias = tuple[int, int, Held]
+"""Time, order of arrival, sample: what is held stands in lists sorted by these, so that none has to be searched."""
 
 
 class DeviceClock:
@@ -82,9 +75,12 @@ class DeviceClock:
         self.jump_ns = min(5_000_000_000, horizon_ns // 2)
         self.latest_ns: int | None = None
         self.last_ns: dict[str, int] = {}
-        self._held: list[Held] = []
-        self._held_ahead_from_ns: int | None = None
-        self._votes: dict[tuple[bool, bool], Votes] = {}
+        self._ahead: list[_Entry] = []
+        self._voting: list[_Entry] = []
+        self._behind: list[_Entry] = []
+        self._behind_of: dict[str, list[_Entry]] = {}
+        self._order = 0
+        self._room = _HELD_MOST
 
     @property
     def reach_ns(self) -> int | None:
@@ -113,100 +109,135 @@ class DeviceClock:
         if advances:
             self.latest_ns = t_ns
         if t_ns > self.last_ns.get(stream, -1):
-            self.last_ns[stream] = t_ns
-        if not self._held:
+            self._heard(t_ns, stream)
+        if not self._ahead and not self._behind:
             return 0
         if advances:
-            self._votes.clear()
-            contradicted = [h for h in self._held if not h.ahead or h.t_ns > t_ns + LEAP_NS]
+            self._voting.clear()
+            contradicted = self._behind + self._ahead[bisect_left(self._ahead, (t_ns + LEAP_NS + 1,)) :]
         else:
-            contradicted = [h for h in self._held if not h.ahead and h.stream == stream]
+            contradicted = list(self._behind_of.get(stream, ()))
         if contradicted:
-            self._take(contradicted)
+            self._drop(contradicted)
         return len(contradicted)
 
     def hold(self, held: Held) -> int:
         """Keep a sample until others confirm it; return how many had to be dropped to keep the number bounded."""
-        self._held.append(held)
-        self._votes.setdefault(self._side(held), Votes()).add(held)
-        if held.ahead and (self._held_ahead_from_ns is None or held.t_ns < self._held_ahead_from_ns):
-            self._held_ahead_from_ns = held.t_ns
-        if len(self._held) <= _HELD_MOST:
+        self._keep(held, votes=True)
+        if self._room >= 0:
             return 0
-        self._take(self._held[:1])
-        return 1
+        # The older half at once, so that a sample costs the same however many are held.
+        oldest = sorted(self._ahead + self._behind, key=itemgetter(1))
+        dropped = oldest[: max(1, len(oldest) // 2)]
+        self._drop(dropped)
+        return len(dropped)
 
     def caught_up(self) -> list[Held]:
         """Return, and no longer hold, what lies ahead but within reach now."""
         reach_ns = self.reach_ns
-        if self._held_ahead_from_ns is None or reach_ns is None or self._held_ahead_from_ns > reach_ns:
+        if not self._ahead or reach_ns is None or self._ahead[0][0] > reach_ns:
             return []
-        return self._take([h for h in self._held if h.ahead and h.t_ns <= reach_ns])
+        return self._take(self._ahead[: bisect_left(self._ahead, (reach_ns + 1,))])
 
     def confirmed(self, newest: Held) -> tuple[list[Held], bool]:
         """Return the held samples that ``newest`` confirms, and whether they begin a new epoch; often none."""
-        side = self._side(newest)
-        votes = self._votes[side]
-        anew = side != _GAP
-        span_ns = _EPOCH_SPAN_NS if anew else _GAP_SPAN_NS
-        if votes.newest_ns - votes.oldest_ns < span_ns:
+        assert self.latest_ns is not None  # noqa: S101 - nothing is held before something was followed
+        votes, far_ns = self._voting if newest.ahead else self._behind, self.latest_ns + LEAP_NS
+        since_ns, until_ns = newest.t_ns - LEAP_NS, newest.t_ns + LEAP_NS
+        gap = newest.ahead and newest.t_ns <= far_ns
+        if gap:
+            until_ns = min(until_ns, far_ns)
+        elif newest.ahead:
+            since_ns = max(since_ns, far_ns + 1)
+        begin, end = bisect_left(votes, (since_ns,)), bisect_left(votes, (until_ns + 1,))
+        if end - begin < _AGREEING:
             return [], False
-        agreeing = [h for h in votes.held if abs(h.t_ns - newest.t_ns) <= LEAP_NS]
-        instants = sorted({h.t_ns for h in agreeing})
-        if len(instants) < _AGREEING or instants[-1] - instants[0] < span_ns:
+        oldest_ns, newest_ns = votes[begin][0], votes[end - 1][0]
+        between = bisect_left(votes, (newest_ns,)) - bisect_left(votes, (oldest_ns + 1,))
+        if between < 1 or newest_ns - oldest_ns < (_GAP_SPAN_NS if gap else _EPOCH_SPAN_NS):
             return [], False
-        if anew:
-            return self._take(agreeing), True
+        if not gap:
+            return self._take(votes[begin:end]), True
         # The clock is there now: whatever waits before it, or within reach of it, has its place.
-        reach_ns = instants[-1] + self.jump_ns
-        return self._take([h for h in self._held if h.ahead and h.t_ns <= reach_ns]), False
+        return self._take(self._ahead[: bisect_left(self._ahead, (newest_ns + self.jump_ns + 1,))]), False
 
     def remaining(self) -> list[Held]:
         """Return, and no longer hold, everything held."""
-        return self._take(list(self._held))
+        return self._take(self._ahead + self._behind)
 
     @property
     def holds(self) -> int:
         """How many samples are held."""
-        return len(self._held)
+        return len(self._ahead) + len(self._behind)
 
     def snapshot(self) -> ClockSnapshot:
         """Return what the clock has shown, as a value."""
-        sides = {id(held): side for side, votes in self._votes.items() for held in votes.held}
+        voting = {order for _, order, _ in self._voting}
+        held = sorted(self._ahead + self._behind, key=itemgetter(1))
         return ClockSnapshot(
             latest_ns=self.latest_ns,
             last_ns=tuple(self.last_ns.items()),
-            held=tuple(_kept(held, sides.get(id(held))) for held in self._held),
-            votes=tuple(VotesSnapshot(side, v.oldest_ns, v.newest_ns) for side, v in self._votes.items()),
+            held=tuple(_kept(held, votes=not held.ahead or order in voting) for _, order, held in held),
         )
 
     def restore(self, kept: ClockSnapshot) -> None:
         """Become what ``kept`` says."""
         self.latest_ns, self.last_ns = kept.latest_ns, dict(kept.last_ns)
-        self._votes = {votes.side: Votes([], votes.oldest_ns, votes.newest_ns) for votes in kept.votes}
         for waiting in kept.held:
             content = next(c for c in (waiting.scan, waiting.fix, waiting.row) if c is not None)
             item = Item(waiting.t_ns, waiting.stream, content)
-            held = Held(waiting.t_ns, waiting.stream, item, waiting.ahead)
-            self._held.append(held)
-            if waiting.side is not None:
-                self._votes[waiting.side].held.append(held)
-        self._held_ahead_from_ns = min((h.t_ns for h in self._held if h.ahead), default=None)
+            self._keep(Held(waiting.t_ns, waiting.stream, item, waiting.ahead), votes=waiting.votes)
 
-    def _side(self, held: Held) -> tuple[bool, bool]:
-        assert self.latest_ns is not None  # noqa: S101 - nothing is held before something was followed
-        return held.ahead, held.ahead and held.t_ns > self.latest_ns + LEAP_NS
+    def _heard(self, t_ns: int, stream: str) -> None:
+        """Note the newest time of a stream; whoever invents streams pushes out the oldest, never the steady ones."""
+        self.last_ns[stream] = t_ns
+        if len(self.last_ns) > _STREAMS:
+            del self.last_ns[next(name for name in self.last_ns if name not in self._steady)]
 
-    def _take(self, taken: list[Held]) -> list[Held]:
-        gone = {id(h) for h in taken}
-        self._held = [h for h in self._held if id(h) not in gone]
-        self._held_ahead_from_ns = min((h.t_ns for h in self._held if h.ahead), default=None)
-        for votes in self._votes.values():
-            votes.held = [h for h in votes.held if id(h) not in gone]
-        return sorted(taken, key=lambda h: (h.t_ns, h.stream))
+    def _keep(self, held: Held, *, votes: bool) -> None:
+        self._order += 1
+        self._room -= _weight(held)
+        entry = (held.t_ns, self._order, held)
+        if held.ahead:
+            insort(self._ahead, entry)
+            if votes:
+                insort(self._voting, entry)
+        else:
+            insort(self._behind, entry)
+            insort(self._behind_of.setdefault(held.stream, []), entry)
+
+    def _take(self, entries: list[_Entry]) -> list[Held]:
+        self._drop(entries)
+        return sorted((held for _, _, held in entries), key=lambda h: (h.t_ns, h.stream))
+
+    def _drop(self, entries: list[_Entry]) -> None:
+        self._room += sum(_weight(held) for _, _, held in entries)
+        gone = {order for _, order, _ in entries}
+        for kept in (self._ahead, self._voting, self._behind):
+            _leave_out(kept, entries, gone)
+        for stream in {held.stream for _, _, held in entries if not held.ahead}:
+            _leave_out(self._behind_of[stream], entries, gone)
+            if not self._behind_of[stream]:
+                del self._behind_of[stream]
 
 
-def _kept(held: Held, side: tuple[bool, bool] | None) -> HeldSnapshot:
+def _leave_out(kept: list[_Entry], entries: list[_Entry], gone: set[int]) -> None:
+    """Remove entries from a sorted list; few are found faster one by one."""
+    if 16 * len(entries) > len(kept):
+        kept[:] = [entry for entry in kept if entry[1] not in gone]
+        return
+    for entry in entries:
+        place = bisect_left(kept, entry)
+        if place < len(kept) and kept[place] is entry:
+            del kept[place]
+
+
+def _weight(held: Held) -> int:
+    content: Any = held.item.content if isinstance(held.item, Item) else None
+    return 1 + len(content) // 4 if isinstance(content, Scan) else 1
+
+
+def _kept(held: Held, *, votes: bool) -> HeldSnapshot:
     content = held.item.content
     return HeldSnapshot(
         t_ns=held.t_ns,
@@ -215,5 +246,5 @@ def _kept(held: Held, side: tuple[bool, bool] | None) -> HeldSnapshot:
         scan=content if isinstance(content, Scan) else None,
         fix=content if isinstance(content, Fix) else None,
         ahead=held.ahead,
-        side=side,
+        votes=votes,
     )

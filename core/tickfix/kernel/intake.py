@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
 
@@ -27,40 +26,46 @@ class Outcome(StrEnum):
 
 
 _REMEMBERED: Final = 4096
+_ALL: Final = (1 << _REMEMBERED) - 1
 _LEAP: Final = 1_000_000
 
 
 class Sequence:
     """Recognises duplicates among a session's numbered messages, in whatever order they come.
 
-    It remembers which numbers below the highest are missing; a number that is neither missing nor new was seen before.
-    Numbers more than 4096 below the highest count as seen. A session may start anywhere, but a number that later
-    leaps by over a million is not believed: it counts as new and changes nothing, for else all after it would count as
-    seen.
+    It remembers which of the 4096 numbers below the highest are missing, a bit for each; a number that is neither
+    missing nor new was seen before, and so, it is assumed, were all below those. A session may start anywhere, but a
+    number that later leaps by over a million is not believed: it counts as new and changes nothing, for else all after
+    it would count as seen.
     """
 
     __slots__ = ("_highest", "_missing")
 
-    def __init__(self, highest: int = 0, missing: Iterable[int] = ()) -> None:
-        """Begin with what was seen."""
+    def __init__(self, highest: int = 0, gaps: bytes = b"") -> None:
+        """Begin with what was seen, see :attr:`gaps`."""
         self._highest = highest
-        self._missing: dict[int, None] = dict.fromkeys(missing)
+        self._missing = int.from_bytes(gaps, "little")
 
     def is_new(self, seq: int) -> bool:
         """Take note of ``seq``, counted from 1, and tell whether it comes for the first time."""
         if self._highest and seq > self._highest + _LEAP:
             return True
-        if seq > self._highest:
-            self._missing.update(dict.fromkeys(range(max(self._highest + 1, seq - _REMEMBERED), seq)))
+        ahead = seq - self._highest
+        if ahead > 0:
+            # Bit k stands for the number k + 1 below the highest; those between are missing.
+            passed = min(ahead, _REMEMBERED + 1)
+            self._missing = (self._missing << passed | (1 << (passed - 1)) - 1) & _ALL
             self._highest = seq
-            while len(self._missing) > _REMEMBERED:
-                del self._missing[next(iter(self._missing))]
             return True
-        return self._missing.pop(seq, seq) is None
+        if self.has_seen(seq):
+            return False
+        self._missing ^= 1 << (-ahead - 1)
+        return True
 
     def has_seen(self, seq: int) -> bool:
         """Tell whether ``seq`` would count as seen, without taking note of it."""
-        return seq <= self._highest and seq not in self._missing
+        below = self._highest - seq
+        return below == 0 or (below > 0 and not self._missing >> (below - 1) & 1)
 
     @property
     def highest(self) -> int:
@@ -70,4 +75,10 @@ class Sequence:
     @property
     def missing(self) -> tuple[int, ...]:
         """The numbers that are missing among the last ones."""
-        return tuple(self._missing)
+        bits = self._missing
+        return tuple(self._highest - k - 1 for k in reversed(range(bits.bit_length())) if bits >> k & 1)
+
+    @property
+    def gaps(self) -> bytes:
+        """The same as bits, little-endian: bit k is set when the number k + 1 below the highest is missing."""
+        return self._missing.to_bytes((self._missing.bit_length() + 7) // 8, "little")

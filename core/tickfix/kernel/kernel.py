@@ -11,8 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import numpy as np
-
 from tickfix.api.events import Event, Fix, Scan, Truth
 from tickfix.kernel.device import Device, Standing
 from tickfix.kernel.epoch import Output
@@ -44,7 +42,8 @@ class KernelSettings:
 
 
 _SESSIONS = 16
-_RETIRED = 65_536
+_SESSIONS_OF_RETIRED = 2
+_RETIRED = 16_384
 
 
 class Kernel:
@@ -114,12 +113,16 @@ class Kernel:
     def finish(self, device: str) -> Output:
         """Nothing more is expected from this device: fold and settle everything, and forget its past.
 
-        Its message numbers are remembered, and should it come back, a new epoch begins: no tick is said twice.
+        The message numbers of its last two sessions are remembered, and should it come back, a new epoch begins: no
+        tick is said twice.
         """
         known = self._devices.pop(device, None)
         if known is None:
             return Output()
         self._retired[device] = known.number + 1
+        sessions = self._numbers.get(device, {})
+        for session in list(sessions)[:-_SESSIONS_OF_RETIRED]:
+            del sessions[session]
         while len(self._retired) > _RETIRED:
             oldest = next(iter(self._retired))
             del self._retired[oldest]
@@ -141,7 +144,7 @@ class Kernel:
             horizon_s=self._settings.horizon_s,
             devices=tuple(device.snapshot() for device in self._devices.values()),
             sessions=tuple(
-                SessionSnapshot(device, session, numbers.highest, np.array(numbers.missing, np.int64))
+                SessionSnapshot(device, session, numbers.highest, numbers.gaps)
                 for device, sessions in self._numbers.items()
                 for session, numbers in sessions.items()
             ),
@@ -165,8 +168,7 @@ class Kernel:
             self._devices[found.device] = self._begin(found.device, found.number)
             self._devices[found.device].restore(found)
         for seen in kept.sessions:
-            numbers = Numbers(seen.highest, seen.missing.tolist())
-            self._numbers.setdefault(seen.device, {})[seen.session] = numbers
+            self._numbers.setdefault(seen.device, {})[seen.session] = Numbers(seen.highest, seen.gaps)
         self._retired = dict(kept.retired)
         for counter, counts in (
             (self.intake, kept.intake),

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from tickfix.api.arrays import Floats
-from tickfix.api.events import Event, Fix, MotionSamples, Pressure, Scan
+from tickfix.api.events import LATEST_NS, Event, Fix, MotionSamples, Pressure, Scan
 
 Row: TypeAlias = tuple[float, ...]
 
@@ -28,20 +28,20 @@ def explode(event: Event, counts: Counter[str]) -> Iterable[Item]:
     if isinstance(event, MotionSamples):
         items = []
         for name, samples in event.sensors.items():
-            usable = np.isfinite(samples.values).all(axis=1) & (samples.t_ns >= 0)
+            usable = np.isfinite(samples.values).all(axis=1) & _is_time(samples.t_ns)
             counts["invalid"] += int(len(samples) - usable.sum())
             rows = zip(samples.t_ns[usable].tolist(), rows_of(samples.values[usable]), strict=True)
             items += [Item(t_ns, name, row) for t_ns, row in rows]
         yield from sorted(items)
     elif isinstance(event, Pressure):
-        if event.t_ns >= 0 and np.isfinite(event.pressure_hpa):
+        if _is_time(event.t_ns) and np.isfinite(event.pressure_hpa):
             yield Item(event.t_ns, "pressure", (float(event.pressure_hpa) + 0.0,))
         else:
             counts["invalid"] += 1
     elif isinstance(event, Scan):
         usable = np.isfinite(event.rssi_dbm) & (event.heard_ns >= 0) & (event.heard_ns <= event.t_ns)
         counts["invalid readings"] += int(len(event) - usable.sum())
-        if event.t_ns < 0 or (len(event) and not usable.any()):
+        if not _is_time(event.t_ns) or (len(event) and not usable.any()):
             counts["invalid"] += 1
             return
         if not usable.all():
@@ -51,10 +51,14 @@ def explode(event: Event, counts: Counter[str]) -> Iterable[Item]:
     elif isinstance(event, Fix):
         (a, b), (c, d) = event.covariance.tolist()
         finite = np.isfinite(event.xy).all() and np.isfinite(event.covariance).all()
-        if event.t_ns >= 0 and finite and b == c and a > 0 and a * d - b * c > 0:
+        if _is_time(event.t_ns) and finite and b == c and a > 0 and a * d - b * c > 0:
             yield Item(event.t_ns, f"fix {event.source}", event)
         else:
             counts["invalid"] += 1
+
+
+def _is_time(t_ns: Any) -> Any:
+    return (t_ns >= 0) & (t_ns <= LATEST_NS)
 
 
 def rows_of(values: Floats) -> list[Row]:

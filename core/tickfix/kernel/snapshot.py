@@ -25,7 +25,7 @@ class StreamSnapshot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldSnapshot:
-    """A measurement that waits for others to confirm its time; ``side`` is where it votes, None without a vote."""
+    """A measurement that waits for others to confirm its time; ``votes`` unless the clock went on since it came."""
 
     t_ns: int
     stream: str
@@ -33,16 +33,7 @@ class HeldSnapshot:
     scan: Scan | None
     fix: Fix | None
     ahead: bool
-    side: tuple[bool, bool] | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class VotesSnapshot:
-    """The span of the votes of one side."""
-
-    side: tuple[bool, bool]
-    oldest_ns: int
-    newest_ns: int
+    votes: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +43,6 @@ class ClockSnapshot:
     latest_ns: int | None
     last_ns: tuple[tuple[str, int], ...]
     held: tuple[HeldSnapshot, ...]
-    votes: tuple[VotesSnapshot, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,12 +111,12 @@ class DeviceSnapshot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSnapshot:
-    """The message numbers seen in one session."""
+    """The message numbers seen in one session: the highest, and as bits those missing below it."""
 
     device: str
     session: str
     highest: int
-    missing: Ints
+    gaps: bytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from tickfix.api.arrays import Floats, Ints
-from tickfix.api.events import SENSORS, TICK_NS, Event, Fix, MotionSamples, Samples, Scan
+from tickfix.api.events import LATEST_NS, SENSORS, TICK_NS, Event, Fix, MotionSamples, Samples, Scan
 from tickfix.api.values import Readings, Window
 from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
 from tickfix.kernel.intake import Outcome
@@ -257,7 +257,9 @@ class Timeline:
             if len(t_ns) == 0:
                 continue
             oldest_ns, newest_ns = (t_ns[0], t_ns[-1]) if in_order else (t_ns.min(), t_ns.max())
-            if oldest_ns < max(limit_ns, 0) or newest_ns > reach_ns or not np.isfinite(samples.values).all():
+            if oldest_ns < max(limit_ns, 0) or newest_ns > min(reach_ns, LATEST_NS):
+                return False
+            if not np.isfinite(samples.values).all():
                 return False
         for (name, samples), in_order in zip(batch.sensors.items(), ordered, strict=True):
             if in_order:

@@ -7,6 +7,7 @@ from typing import Final
 
 import zmq
 
+from tickfix.api import Event
 from tickfix.kernel import Outcome
 from tickfix.ports.clock import Clock
 from tickfix.ports.devices import Refusal, Speakers
@@ -20,6 +21,7 @@ from tickfix.wire import (
     Hello,
     Message,
     WireError,
+    check_sent,
     decode_message,
     to_event,
     unknown_fields,
@@ -174,7 +176,12 @@ class Sensors:
         message = decode_message(body, self._settings.message)
         refusal = self._refusal(peer, message)
         if refusal is None:
-            event = message if isinstance(message, Hello | Bye) else to_event(message, self._clock.wall_ns())
+            event: Event | Hello | Bye
+            if isinstance(message, Hello | Bye):
+                event = message
+            else:
+                event = to_event(message, self._clock.wall_ns())
+                check_sent(event)
             refusal = self._admit(peer, message, now_ns)
         if refusal is None:
             incoming = Incoming(event, peer, message.ack, now_ns, len(body))

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
+from tickfix.api import LATEST_NS
 from tickfix.readers.rejects import Rejects
 
 USED: Final = {
@@ -42,6 +43,7 @@ UNUSED: Final = frozenset(
 PLAUSIBLE_MS: Final = 24 * 3600 * 1000
 """No walk takes a day: a time further than that from the file's median is broken."""
 
+_LATEST_MS: Final = LATEST_NS // 1_000_000
 _TIME: Final = re.compile(rb"^[0-9]{13}(?=\tTYPE_)", re.MULTILINE)
 _WIFI: Final = re.compile(rb"([0-9]{13})\tTYPE_WIFI\t")
 _JOIN: Final = re.compile(rb"[0-9]{13}\tTYPE_")
@@ -96,6 +98,8 @@ def records(data: bytes, rejects: Rejects) -> Iterator[Record]:
             rejects.add("unknown type" if closed else "cut line", line, text)
         elif abs(ms - middle_ms) > PLAUSIBLE_MS:
             rejects.add("implausible time", line, f"{ms} ms, but {middle_ms} ms in the middle of the file")
+        elif ms > _LATEST_MS:
+            rejects.add("implausible time", line, f"{ms} ms, beyond {_LATEST_MS} ms")
         else:
             logged_ms = max(logged_ms, ms)
             if used is not None:

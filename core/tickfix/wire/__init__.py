@@ -6,7 +6,7 @@ Versioned apart from the package: :data:`VERSION` is the protocol's. Nothing her
 from tickfix.wire.decoding import decode_message, unknown_fields
 from tickfix.wire.errors import WireError
 from tickfix.wire.estimates import decode_estimate, encode_estimate
-from tickfix.wire.events import decode_event, encode_event, from_event, to_event, unknown_sensors
+from tickfix.wire.events import check_sent, decode_event, encode_event, from_event, to_event, unknown_sensors
 from tickfix.wire.limits import MessageLimits
 from tickfix.wire.messages import (
     OLDEST_VERSION,
@@ -47,6 +47,7 @@ __all__ = [
     "Topic",
     "Welcome",
     "WireError",
+    "check_sent",
     "decode_estimate",
     "decode_event",
     "decode_message",

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from tickfix import api
-from tickfix.api import SENSORS, Event, EventError, MotionSamples, Samples
+from tickfix.api import LATEST_NS, SENSORS, Event, EventError, MotionSamples, Samples
 from tickfix.api.events import UNSET_NS
 from tickfix.kernel import Outcome
 from tickfix.wire import messages
@@ -75,6 +75,29 @@ def to_event(message: Message, arrival_ns: int) -> Event:
     except EventError as error:
         field, _, rest = str(error).partition(": ")
         raise WireError(field, rest or "something", "a possible event") from error
+
+
+def check_sent(event: Event) -> None:
+    """Refuse what a device sent when nothing can be made of it: its time is none, or its truth is nowhere.
+
+    Of arrays of times a single one that is right is enough; the kernel leaves the others out and counts them.
+
+    Raises:
+        WireError: naming the time, or the coordinates.
+    """
+    if isinstance(event, MotionSamples):
+        if event.t0_ns >= 0 and event.t1_ns <= LATEST_NS:
+            return
+        heard = [(f"sensors.{name}.t_ns", samples.t_ns) for name, samples in event.sensors.items() if len(samples)]
+        if not any(((t_ns >= 0) & (t_ns <= LATEST_NS)).any() for _, t_ns in heard):
+            raise _no_time(f"{heard[0][0]}[0]", int(heard[0][1][0]))
+    elif not 0 <= event.t_ns <= LATEST_NS:
+        field = "t_ns"
+        if isinstance(event, api.Scan) and event.t_ns in event.heard_ns:
+            field = f"heard_ns[{int(np.flatnonzero(event.heard_ns == event.t_ns)[0])}]"
+        raise _no_time(field, event.t_ns)
+    elif isinstance(event, api.Truth) and not np.isfinite(event.xy).all():
+        raise WireError("xy", f"{event.xy.tolist()}", "finite numbers, metres")
 
 
 def unknown_sensors(message: messages.Motion) -> tuple[str, ...]:
@@ -140,6 +163,10 @@ def _scan(message: messages.Scan, arrival_ns: int) -> api.Scan:
         t_ns=UNSET_NS if message.t_ns is None else message.t_ns,
         **_common(message, arrival_ns),
     )
+
+
+def _no_time(field: str, t_ns: int) -> WireError:
+    return WireError(field, str(t_ns), f"a time from 0 to {LATEST_NS} ns")
 
 
 def _common(message: EventMessage, arrival_ns: int) -> dict[str, Any]:

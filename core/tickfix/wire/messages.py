@@ -20,9 +20,14 @@ VERSION: Final = 1
 OLDEST_VERSION: Final = 1
 """The oldest version that is still understood."""
 
+TIME: Final = "tickfix-time"
+"""Marks times in the schema, until it says from when to when they run."""
+
 Int64: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
+Time: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1, extra_json_schema={TIME: True})]
+"""Whatever 64 bits hold is decoded, for journals may hold it; what a device says is for ``check_sent`` to judge."""
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-Times: TypeAlias = bytes | Annotated[list[Int64], Meta(max_length=CEILING)]
+Times: TypeAlias = bytes | Annotated[list[Time], Meta(max_length=CEILING)]
 Numbers: TypeAlias = bytes | Annotated[list[float], Meta(max_length=CEILING)]
 Rows: TypeAlias = bytes | Annotated[list[Annotated[list[float], Meta(max_length=16)]], Meta(max_length=CEILING)]
 Texts: TypeAlias = Annotated[list[str], Meta(max_length=CEILING)]
@@ -101,7 +106,7 @@ class Scan(SensorMessage, tag="scan", kw_only=True, frozen=True):
     transmitters: Texts
     rssi_dbm: Numbers
     heard_ns: Times
-    t_ns: Int64 | None = None
+    t_ns: Time | None = None
     source: str = "wifi"
     arrival_ns: Int64 | None = None
 
@@ -115,7 +120,7 @@ class Pressure(SensorMessage, tag="pressure", kw_only=True, frozen=True):
         arrival_ns: in the journal only.
     """
 
-    t_ns: Int64
+    t_ns: Time
     pressure_hpa: float
     arrival_ns: Int64 | None = None
 
@@ -132,7 +137,7 @@ class Fix(SensorMessage, tag="fix", kw_only=True, frozen=True):
         arrival_ns: in the journal only.
     """
 
-    t_ns: Int64
+    t_ns: Time
     floor: str
     xy: Numbers
     covariance: Rows | None = None
@@ -150,7 +155,7 @@ class Truth(SensorMessage, tag="truth", kw_only=True, frozen=True):
         xy: two numbers, metres in the floor's frame.
     """
 
-    t_ns: Int64
+    t_ns: Time
     floor: str
     xy: Numbers
     arrival_ns: Int64 | None = None

@@ -15,9 +15,10 @@ from typing import Any, Final
 
 import msgspec
 
+from tickfix.api import LATEST_NS
 from tickfix.wire import decisions, messages
 from tickfix.wire.estimates import BeliefMessage, ComponentMessage, EstimateMessage
-from tickfix.wire.messages import OLDEST_VERSION, VERSION
+from tickfix.wire.messages import OLDEST_VERSION, TIME, VERSION
 
 PORTS: Final[dict[str, tuple[type[msgspec.Struct], ...]]] = {
     "sensors, from a device": (
@@ -58,6 +59,7 @@ def document() -> dict[str, Any]:
         definition = definitions[kind.__name__]
         summary, described = _described(kind)
         definition["description"] = summary
+        _bound_times(definition)
         for name, field in definition["properties"].items():
             if name in described:
                 # Beside a reference a description would be lost on older readers; ``allOf`` keeps both.
@@ -73,6 +75,18 @@ def document() -> dict[str, Any]:
         "ports": {port: [{"$ref": f"#/$defs/{kind.__name__}"} for kind in kinds] for port, kinds in PORTS.items()},
         "$defs": dict(sorted(definitions.items())),
     }
+
+
+def _bound_times(schema: Any) -> None:
+    """Say within which limits a device's times are used."""
+    if isinstance(schema, dict):
+        if schema.pop(TIME, False):
+            schema.update(minimum=0, maximum=LATEST_NS)
+        for part in schema.values():
+            _bound_times(part)
+    elif isinstance(schema, list):
+        for part in schema:
+            _bound_times(part)
 
 
 def _described(kind: type[msgspec.Struct]) -> tuple[str, dict[str, str]]:

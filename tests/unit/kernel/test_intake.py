@@ -26,6 +26,20 @@ def test_what_is_remembered_is_bounded_and_older_numbers_count_as_seen() -> None
     assert not sequence.is_new(10**15 - 4097)
 
 
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.lists(st.integers(1, 9_000), max_size=50), st.integers(1, 9_000))
+def test_what_was_seen_survives_as_bits(numbers: list[int], asked: int) -> None:
+    sequence = Sequence()
+    for seq in numbers:
+        sequence.is_new(seq)
+    again = Sequence(sequence.highest, sequence.gaps)
+    assert again.missing == sequence.missing
+    assert again.has_seen(asked) == sequence.has_seen(asked)
+    assert sequence.has_seen(asked) is not again.is_new(asked)
+    assert again.has_seen(asked)
+    assert len(again.gaps) <= 512
+
+
 def test_a_number_that_leaps_absurdly_makes_nothing_that_follows_a_duplicate() -> None:
     sequence = Sequence()
     assert sequence.is_new(1)

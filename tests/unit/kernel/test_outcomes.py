@@ -10,7 +10,7 @@ from lab import fold, numbered
 from streams import MS, SETTINGS, T0, S, published, run, sample, scan, settled, ticks, walk
 from toys import Chain, ToyFingerprint, ToyPdr, toy_pipeline
 
-from tickfix.api import TICK_NS, Fix, PluginError, Pressure, Scan, Status, Truth, Window, motion_samples
+from tickfix.api import LATEST_NS, TICK_NS, Fix, PluginError, Pressure, Scan, Status, Truth, Window, motion_samples
 from tickfix.kernel import Failure, Kernel, Outcome, Stage
 
 
@@ -49,6 +49,20 @@ def test_age_of_motion_tells_of_a_gap() -> None:
 def test_a_message_with_a_number_seen_before_is_a_duplicate() -> None:
     events = numbered([*walk(0, 2), scan(1.0, "a")])
     assert run([*events, events[3], events[-1]]).outcomes[-2:] == (Outcome.DUPLICATE, Outcome.DUPLICATE)
+
+
+def test_of_a_device_that_left_the_numbers_of_its_last_two_sessions_are_known() -> None:
+    kernel = Kernel([toy_pipeline()], SETTINGS)
+    for session in range(20):
+        kernel.feed(sample(session / 10, session=str(session), seq=5_000))
+    assert len(kernel.snapshot().sessions) == 16
+    kernel.run("d")
+    kernel.finish("d")
+    kept = kernel.snapshot()
+    assert [one.session for one in kept.sessions] == ["18", "19"]
+    assert len(kept.packed()) < 2_000
+    for session, outcome in (("17", Outcome.ACCEPTED), ("18", Outcome.DUPLICATE), ("19", Outcome.DUPLICATE)):
+        assert kernel.feed(sample(1.0, session=session, seq=5_000)) is outcome
 
 
 def test_sequence_numbers_may_come_in_any_order_and_have_gaps() -> None:
@@ -191,6 +205,29 @@ def test_an_event_of_which_nothing_can_be_used_is_malformed(event: Scan) -> None
     folded = run([event, *walk(0, 1)])
     assert folded.outcomes[0] == Outcome.MALFORMED
     assert folded.settled_as("d", "toy") == run(walk(0, 1)).settled_as("d", "toy")
+
+
+@pytest.mark.parametrize("t_ns", [LATEST_NS + 1, 2**63 - 1, -1])
+def test_a_time_that_is_none_is_left_out_and_leaves_the_track_as_it_was(t_ns: int) -> None:
+    wild = [
+        Pressure(t_ns=t_ns, pressure_hpa=1000.0, device="d"),
+        Fix(t_ns=t_ns, floor="F", xy=np.zeros(2), device="d"),
+        Scan(transmitters=(), rssi_dbm=np.zeros(0), heard_ns=np.zeros(0, np.int64), t_ns=t_ns, device="d"),
+        motion_samples([t_ns], accelerometer=[[0.0, 0.0, 9.8]], device="d"),
+    ]
+    alone = run(wild)
+    assert alone.outcomes == (Outcome.MALFORMED,) * 4
+    assert published(alone) == []
+    mixed = motion_samples([T0, t_ns], accelerometer=[[0.0, 0.0, 9.8]] * 2, device="d")
+    folded = run([*walk(0, 2), *wild, replace(mixed, seq=0), *walk(2, 4)])
+    assert folded.settled_as("d", "toy") == run([*walk(0, 2), sample(0.0), *walk(2, 4)]).settled_as("d", "toy")
+    assert folded.measurements["invalid"] == 5
+
+
+def test_the_last_times_there_are_close_their_ticks() -> None:
+    folded = run(walk(-4, 0, offset_ns=LATEST_NS))
+    assert published(folded)[-1].t_ns >= LATEST_NS - 100 * MS
+    assert all(e.t_ns < 2**62 + TICK_NS for e in published(folded))
 
 
 def test_readings_that_are_not_finite_or_from_the_future_are_left_out_of_a_scan() -> None:

@@ -33,6 +33,16 @@ def motion(recording: Recording, sensor: str) -> np.ndarray:
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
+def test_times_beyond_those_that_tickfix_knows_are_counted_and_left_out(tmp_path: Path) -> None:
+    late = [line.replace(str(T0)[:7], "9999999") for line in (ACC, GYRO, WAYPOINT)]
+    with pytest.raises(ReaderError, match="found"):
+        read(tmp_path, *late)
+    rejects = Rejects()
+    assert list(records("\n".join(late).encode(), rejects)) == []
+    assert rejects.counts == {"implausible time": 3}
+    assert "beyond 4611686018427 ms" in rejects.problems[0]
+
+
 def test_clean_lines_are_read_without_rejects(tmp_path: Path) -> None:
     recording = read(tmp_path, "#\tstartTime:1", ACC, GYRO, WIFI, WAYPOINT)
     assert recording.rejected == {}

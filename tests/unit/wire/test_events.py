@@ -9,12 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire_strategies import EVENTS, SENT, content
 
-from tickfix.api import Fix, MotionSamples, Pressure, Samples, Scan, motion_samples
+from tickfix.api import LATEST_NS, Fix, MotionSamples, Pressure, Samples, Scan, motion_samples
+from tickfix.api.events import UNSET_NS
 from tickfix.kernel import Outcome
 from tickfix.wire import (
     Hello,
     MessageLimits,
     WireError,
+    check_sent,
     decode_event,
     decode_message,
     encode_event,
@@ -168,6 +170,55 @@ def test_arrays_that_do_not_fit_together_are_named(fields, text):
         to_event(message(**fields), 1)
     assert str(caught.value).startswith(text)
     assert caught.value.outcome is Outcome.MALFORMED
+
+
+WILD = [-1, -(2**63), LATEST_NS + 1, 2**63 - 1]
+EXPECTED = "expected a time from 0 to 4611686018427387903 ns"
+
+
+@pytest.mark.parametrize("t_ns", WILD)
+@pytest.mark.parametrize(
+    ("fields", "field"),
+    [
+        ({"type": "pressure", "pressure_hpa": 1000.0}, "t_ns"),
+        ({"type": "fix", "floor": "F", "xy": [1.0, 2.0]}, "t_ns"),
+        ({"type": "truth", "floor": "F", "xy": [1.0, 2.0]}, "t_ns"),
+        ({"type": "scan", "transmitters": ["a"], "rssi_dbm": [-60.0], "heard_ns": [5]}, "t_ns"),
+    ],
+)
+def test_a_message_whose_time_is_none_is_refused_by_name(fields, field, t_ns):
+    event = to_event(message(**fields, t_ns=t_ns), 1)
+    if fields["type"] == "scan" and t_ns == UNSET_NS:  # the time of its newest reading
+        assert event.t_ns == 5
+        return
+    with pytest.raises(WireError) as caught:
+        check_sent(event)
+    assert str(caught.value) == f"{field}: found {t_ns}; {EXPECTED}"
+    assert caught.value.outcome is Outcome.MALFORMED
+
+
+@pytest.mark.parametrize("t_ns", WILD)
+def test_of_arrays_of_times_one_that_is_right_is_enough(t_ns):
+    motion = {"accelerometer": {"t_ns": [], "values": []}, "gyroscope": {"t_ns": [t_ns], "values": [[1.0, 2.0, 3.0]]}}
+    with pytest.raises(WireError) as caught:
+        check_sent(to_event(message(type="motion", sensors=motion), 1))
+    assert str(caught.value) == f"sensors.gyroscope.t_ns[0]: found {t_ns}; {EXPECTED}"
+    motion["accelerometer"] = {"t_ns": [t_ns, LATEST_NS], "values": [[1.0, 2.0, 3.0]] * 2}
+    check_sent(to_event(message(type="motion", sensors=motion), 1))
+    check_sent(to_event(message(type="motion", sensors={}), 1))
+
+
+def test_a_scan_dated_by_a_reading_without_a_time_is_refused_by_the_name_of_the_reading():
+    scan = {"type": "scan", "transmitters": ["a", "b"], "rssi_dbm": [-60.0, -61.0], "heard_ns": [5, 2**63 - 1]}
+    with pytest.raises(WireError, match=rf"heard_ns\[1\]: found {2**63 - 1}; {EXPECTED}"):
+        check_sent(to_event(message(**scan), 1))
+    check_sent(to_event(message(**scan, t_ns=7), 1))
+
+
+@pytest.mark.parametrize("x", [float("nan"), float("inf")])
+def test_truth_must_be_somewhere(x):
+    with pytest.raises(WireError, match=r"xy: found \[(nan|inf), 2.0\]; expected finite numbers, metres"):
+        check_sent(to_event(message(type="truth", t_ns=1, floor="F", xy=[x, 2.0]), 1))
 
 
 def test_text_that_is_no_unicode_is_refused():

@@ -10,7 +10,7 @@ import msgpack
 import msgspec
 import pytest
 
-from tickfix.api import SENSORS, Status
+from tickfix.api import LATEST_NS, SENSORS, Status
 from tickfix.kernel import Outcome
 from tickfix.wire import OLDEST_VERSION, REQUESTS, VERSION, MessageLimits, decode_message, decode_request, to_event
 from tickfix.wire.schema import PARTS, PORTS, document
@@ -72,6 +72,16 @@ def test_the_page_tells_the_limits():
     told = {row[0].strip("`"): row[1] for row in ROWS if len(row) == 3}
     for name in MessageLimits.__slots__:
         assert told[name] == str(getattr(MessageLimits(), name))
+
+
+def test_page_and_schema_tell_from_when_to_when_times_run():
+    assert f"Times run from 0 to {LATEST_NS} (2⁶² − 1;" in PAGE
+    assert LATEST_NS == 2**62 - 1
+    properties = document()["$defs"]["Pressure"]["properties"]
+    assert (properties["t_ns"]["minimum"], properties["t_ns"]["maximum"]) == (0, LATEST_NS)
+    assert properties["arrival_ns"]["anyOf"][0]["maximum"] == 2**63 - 1
+    (heard,) = (one for one in document()["$defs"]["Scan"]["properties"]["heard_ns"]["anyOf"] if one["type"] == "array")
+    assert (heard["items"]["minimum"], heard["items"]["maximum"]) == (0, LATEST_NS)
 
 
 def test_the_page_tells_the_sensors():
