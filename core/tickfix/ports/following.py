@@ -29,6 +29,7 @@ class Following:
 
     def publish(self, records: Sequence[Record]) -> None:
         """Send records in this order."""
+        self.serve()
         for kind, number, body in records:
             self._seq += 1
             envelope = FollowEnvelope(v=VERSION, run=self._run, number=number, seq=self._seq)

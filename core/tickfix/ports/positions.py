@@ -78,6 +78,7 @@ class Positions:
 
     def publish(self, said: Sequence[Said]) -> None:
         """Send what is said, in this order."""
+        self.serve()
         for one in said:
             stream = (one.family, one.device, one.pipeline)
             number = self._numbers.pop(stream, 0) + 1
@@ -131,6 +132,7 @@ class Positions:
         now_ns = self._clock.monotonic_ns()
         if now_ns >= self._next_beat_ns:
             self._beats += 1
+            self.serve()
             # Absolute times, so that beats do not drift; those that were slept through are not made up for.
             late = (now_ns - self._next_beat_ns) // self._period_ns
             self._next_beat_ns += (late + 1) * self._period_ns
