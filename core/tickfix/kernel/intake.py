@@ -37,13 +37,18 @@ class Sequence:
     Numbers more than 4096 below the highest count as seen. A session may start anywhere, but a number that later
     leaps by over a million is not believed: it counts as new and changes nothing, for else all after it would count as
     seen.
+
+    Attributes:
+        reached: the highest number of a message that took the device's clock further. What has a lower one was sent
+            before, however late it comes.
     """
 
-    __slots__ = ("_highest", "_missing")
+    __slots__ = ("_highest", "_missing", "reached")
 
-    def __init__(self, highest: int = 0, missing: Iterable[int] = ()) -> None:
+    def __init__(self, highest: int = 0, missing: Iterable[int] = (), reached: int = 0) -> None:
         """Begin with what was seen."""
         self._highest = highest
+        self.reached = reached
         self._missing: dict[int, None] = dict.fromkeys(missing)
 
     def is_new(self, seq: int) -> bool:
@@ -66,6 +71,11 @@ class Sequence:
     def highest(self) -> int:
         """The highest number seen."""
         return self._highest
+
+    @property
+    def gaps(self) -> int:
+        """How many of the last numbers below the highest have not come."""
+        return len(self._missing)
 
     @property
     def missing(self) -> tuple[int, ...]:

@@ -121,12 +121,13 @@ class DeviceSnapshot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSnapshot:
-    """The message numbers seen in one session."""
+    """The message numbers seen in one session; ``reached`` is the highest that took the clock further."""
 
     device: str
     session: str
     highest: int
     missing: Ints
+    reached: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

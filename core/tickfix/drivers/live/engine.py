@@ -98,6 +98,7 @@ class Engine:
             "lateness_ms": self._speaker.lateness.summary(),
             "work_ms": self.work.summary(),
             "measurements": dict(kernel.measurements),
+            "missing": kernel.missing,
             "failures": dict(kernel.failures),
             "journal": self._ledger.status(),
             "overload": self.overload,
