@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from tickfix.simulation import office_building, simulate_survey
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from live_lab import Lab
 from stored_floor import Command, write_plan, write_walk
 
 _ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "COLUMNS"} | {"PYTHONUTF8": "1"}
@@ -65,6 +66,14 @@ def site(tickfix: Command, floor_folder: Path, tmp_path_factory: pytest.TempPath
     out = tmp_path_factory.mktemp("sites") / "office"
     tickfix("survey", floor_folder, "--out", out, "--holdout", "0.4")
     return out
+
+
+@pytest.fixture
+def lab(site: Path, tmp_path: Path) -> Iterator[Lab]:
+    """Start engines, senders and listeners on the site; all are ended with the test."""
+    lab = Lab(site, tmp_path)
+    yield lab
+    lab.end()
 
 
 @pytest.fixture

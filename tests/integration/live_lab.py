@@ -9,19 +9,34 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from stored_floor import Command
+
 from tickfix.api import Estimate
 from tickfix.client import Control
+from tickfix.evaluation.track import Track, digest
 from tickfix.journal import JournalReader, Kind
 from tickfix.wire import decode_estimate
 
 PATIENCE_S = 90.0
 """How long a test waits for what must come; nothing here waits for time to pass."""
 PORTS = ("sensors", "positions", "control", "follow")
+LIGHT = """
+[pipelines.wifi]
+fingerprint = "wknn"
+filter = "fixes"
+[pipelines.kalman]
+pdr = "steps"
+fingerprint = "wknn"
+filter = "kalman"
+"""
+CALM = f"{LIGHT}[live]\ncoast_s = 0.0\n"
+"""For undisturbed runs: the same tracks, and no tick beyond the data however slow the sender is."""
 
 
 @dataclass
@@ -159,12 +174,44 @@ def estimates(journal: Path) -> Iterator[Estimate]:
             yield decode_estimate(record.payload)
 
 
-def last_word(journal: Path) -> dict[tuple[str, str], dict[int, Estimate]]:
-    """Return the last revision of every tick, by device and pipeline."""
-    tracks: dict[tuple[str, str], dict[int, Estimate]] = {}
+def last_word(journal: Path) -> dict[tuple[str, str, int], dict[int, Estimate]]:
+    """Return the last revision of every tick, by device, pipeline and epoch."""
+    tracks: dict[tuple[str, str, int], dict[int, Estimate]] = {}
     for estimate in estimates(journal):
-        tracks.setdefault((estimate.device, estimate.pipeline), {})[estimate.tick] = estimate
+        tracks.setdefault((estimate.device, estimate.pipeline, estimate.epoch), {})[estimate.tick] = estimate
     return tracks
+
+
+def track_digest(track: Mapping[int, Estimate]) -> str:
+    """Return the digest of a settled track."""
+    said = tuple(replace(track[tick], revision=0) for tick in sorted(track))
+    return digest(Track(pipeline="", device="", estimates=said, closed_ns=np.zeros(len(said), np.int64)))
+
+
+def same_in_the_end(calm: Path, other: Path, *, beyond: bool = True, but: Collection[str] = ()) -> None:
+    """Check that the tracks of two journals settled the same, to the bit.
+
+    Args:
+        calm: journal of the undisturbed run.
+        other: journal of the other one.
+        beyond: the other one may say ticks beyond the calm one's last: an engine that waits for a slow sender goes on.
+        but: devices that are left out.
+    """
+    a, b = ({key: track for key, track in last_word(one).items() if key[0] not in but} for one in (calm, other))
+    assert a.keys() == b.keys()
+    assert a
+    for key, track in a.items():
+        assert track.keys() <= b[key].keys(), f"{key} lacks ticks"
+        more = b[key].keys() - track.keys()
+        assert all(beyond and tick > max(track) for tick in more), f"{key} has ticks that it should not have: {more}"
+        assert track_digest(track) == track_digest({tick: b[key][tick] for tick in track}), f"{key} settled differently"
+
+
+def repeats(tickfix: Command, journal: Path, **environment: str) -> dict[str, Any]:
+    """Check that a journal repeats to the byte; return what ``tickfix replay --journal`` says."""
+    said: dict[str, Any] = json.loads(tickfix("replay", "--journal", journal, "--json", env=environment).stdout)
+    assert said["identical"], said
+    return said
 
 
 def adds_up(control: Control, *, at_least: int = 0) -> dict[str, int]:

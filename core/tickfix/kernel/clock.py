@@ -9,7 +9,8 @@ sample is judged by itself, so that batching cannot matter:
   decide. Three that agree, over half a second for a gap and over two seconds for a new epoch, are believed, unless a
   sample that takes the present clock further came between them: such a one shows that the present clock is alive, and
   what is held behind it or more than a minute ahead of it is dropped;
-- it is *stale* when its stream merely lags behind the horizon.
+- it is *stale* when its stream merely lags behind the horizon, or when the number of its message tells that it was sent
+  before what took the clock further.
 
 So no wrong timestamp, and no wrong batch shorter than that, makes what follows stale.
 """

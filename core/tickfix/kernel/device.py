@@ -60,9 +60,14 @@ class Device:
         self._number = number
         self._epoch = self._begin(known)
 
-    def feed(self, event: Event) -> Outcome:
-        """Insert an event into the timeline; nothing is folded yet."""
-        inserted = self._epoch.timeline.insert(event)
+    def feed(self, event: Event, *, overtaken: bool = False) -> Outcome:
+        """Insert an event into the timeline; nothing is folded yet.
+
+        Args:
+            event: of this device.
+            overtaken: something sent after it has taken the clock further.
+        """
+        inserted = self._epoch.timeline.insert(event, overtaken=overtaken)
         anew: list[Item] = inserted.anew
         while anew:
             # The clock started anew: what the old one showed is over, and its last ticks are published.
@@ -97,6 +102,11 @@ class Device:
         epoch = self._epoch
         next_tick = epoch.timeline.first if epoch.published is None else epoch.published + 1
         return Standing(self._number, epoch.timeline.newest_ns, next_tick)
+
+    @property
+    def reached(self) -> tuple[int, int | None]:
+        """How far the clock has come: its epoch, and the newest measurement in it."""
+        return self._number, self._epoch.timeline.newest_ns
 
     @property
     def number(self) -> int:

@@ -37,14 +37,19 @@ class Sequence:
     missing nor new was seen before, and so, it is assumed, were all below those. A session may start anywhere, but a
     number that later leaps by over a million is not believed: it counts as new and changes nothing, for else all after
     it would count as seen.
+
+    Attributes:
+        reached: the highest number of a message that took the device's clock further. What has a lower one was sent
+            before, however late it comes.
     """
 
-    __slots__ = ("_highest", "_missing")
+    __slots__ = ("_highest", "_missing", "reached")
 
-    def __init__(self, highest: int = 0, gaps: bytes = b"") -> None:
+    def __init__(self, highest: int = 0, gaps: bytes = b"", reached: int = 0) -> None:
         """Begin with what was seen, see :attr:`gaps`."""
         self._highest = highest
         self._missing = int.from_bytes(gaps, "little")
+        self.reached = reached
 
     def is_new(self, seq: int) -> bool:
         """Take note of ``seq``, counted from 1, and tell whether it comes for the first time."""
@@ -71,6 +76,11 @@ class Sequence:
     def highest(self) -> int:
         """The highest number seen."""
         return self._highest
+
+    @property
+    def lacking(self) -> int:
+        """How many of the last numbers below the highest have not come."""
+        return self._missing.bit_count()
 
     @property
     def missing(self) -> tuple[int, ...]:

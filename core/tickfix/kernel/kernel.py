@@ -144,7 +144,7 @@ class Kernel:
             horizon_s=self._settings.horizon_s,
             devices=tuple(device.snapshot() for device in self._devices.values()),
             sessions=tuple(
-                SessionSnapshot(device, session, numbers.highest, numbers.gaps)
+                SessionSnapshot(device, session, numbers.highest, numbers.gaps, numbers.reached)
                 for device, sessions in self._numbers.items()
                 for session, numbers in sessions.items()
             ),
@@ -168,7 +168,8 @@ class Kernel:
             self._devices[found.device] = self._begin(found.device, found.number)
             self._devices[found.device].restore(found)
         for seen in kept.sessions:
-            self._numbers.setdefault(seen.device, {})[seen.session] = Numbers(seen.highest, seen.gaps)
+            numbers = Numbers(seen.highest, seen.gaps, seen.reached)
+            self._numbers.setdefault(seen.device, {})[seen.session] = numbers
         self._retired = dict(kept.retired)
         for counter, counts in (
             (self.intake, kept.intake),
@@ -183,10 +184,16 @@ class Kernel:
         """The devices followed now, in the order of their first event."""
         return tuple(self._devices)
 
+    @property
+    def missing(self) -> int:
+        """How many messages of the devices followed now were passed over by later ones and have not come."""
+        sessions = (self._numbers.get(device, {}) for device in self._devices)
+        return sum(numbers.lacking for found in sessions for numbers in found.values())
+
     def _feed(self, event: Event) -> Outcome:
         if isinstance(event, Truth):
             return Outcome.ACCEPTED
-        sessions = self._numbers.setdefault(event.device, {})
+        sessions, numbers = self._numbers.setdefault(event.device, {}), None
         if event.seq > 0:
             numbers = sessions.setdefault(event.session, Numbers())
             if len(sessions) > _SESSIONS:
@@ -197,7 +204,13 @@ class Kernel:
         if device is None:
             number = self._retired.pop(event.device, 0)
             device = self._devices[event.device] = self._begin(event.device, number)
-        return device.feed(event)
+        if numbers is None:
+            return device.feed(event)
+        before = device.reached
+        outcome = device.feed(event, overtaken=event.seq < numbers.reached)
+        if device.reached != before and event.seq <= numbers.highest:
+            numbers.reached = max(numbers.reached, event.seq)
+        return outcome
 
     def _begin(self, device: str, number: int) -> Device:
         return Device(

@@ -111,12 +111,15 @@ class DeviceSnapshot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionSnapshot:
-    """The message numbers seen in one session: the highest, and as bits those missing below it."""
+    """The message numbers seen in one session: the highest, as bits those missing below it, and the highest that took
+    the clock further.
+    """
 
     device: str
     session: str
     highest: int
     gaps: bytes
+    reached: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

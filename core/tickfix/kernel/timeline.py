@@ -79,23 +79,28 @@ class Timeline:
         self.closed: int | None = None
         self.changes = Changes()
 
-    def insert(self, event: Event) -> Insertion:
-        """Insert what can be used of an event (any but truth) and say what became of it."""
+    def insert(self, event: Event, *, overtaken: bool = False) -> Insertion:
+        """Insert what can be used of an event (any but truth) and say what became of it.
+
+        Args:
+            event: of this device.
+            overtaken: something sent after it has taken the clock further: it is late, and tells of no new epoch.
+        """
         before = dict(self._counts)
         if isinstance(event, MotionSamples) and self._insert_in_one_go(event):
             return Insertion(self._outcome(before))
         items = list(explode(event, self._counts))
-        anew = self.insert_items(items)
+        anew = self.insert_items(items, overtaken=overtaken)
         return Insertion(self._outcome(before), anew)
 
-    def insert_items(self, items: list[Item]) -> list[Item]:
+    def insert_items(self, items: list[Item], *, overtaken: bool = False) -> list[Item]:
         """Insert measurements in the order given; return those that begin a new epoch, with all that follow them."""
         for n, item in enumerate(items):
             verdict = self._clock.judge(item.t_ns, item.stream, self._limit_ns)
             if verdict is Verdict.FOLLOW:
                 self._insert(item)
                 self._insert_held(self._clock.caught_up())
-            elif verdict is Verdict.STALE:
+            elif verdict is Verdict.STALE or (overtaken and verdict is Verdict.HOLD_BEHIND):
                 self._counts["stale"] += 1
             else:
                 held = Held(item.t_ns, item.stream, item, ahead=verdict is Verdict.HOLD_AHEAD)

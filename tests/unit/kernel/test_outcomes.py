@@ -121,6 +121,31 @@ def test_a_new_stream_that_lags_behind_the_horizon_does_not_restart_the_track() 
     assert folded.measurements["dropped"] == 20
 
 
+def test_what_comes_behind_the_horizon_is_stale_where_its_number_tells_that_it_was_sent_before() -> None:
+    events = numbered(walk(0, 20))
+    late = events[10:40]
+    folded = run([*events[:10], *events[40:180], *late, *events[180:]])
+    assert folded.outcomes[150:180] == (Outcome.STALE,) * 30
+    assert folded.measurements["stale"] == sum(len(e.sensors["accelerometer"]) for e in late)
+    assert {e.epoch for e in settled(folded)} == {0}
+    assert folded.settled_as("d", "toy") == run([*events[:10], *events[40:]]).settled_as("d", "toy")
+
+
+def test_what_was_lost_at_a_reboot_and_sent_again_is_not_taken_for_late() -> None:
+    events = numbered([*walk(0, 20), *walk(0, 5, offset_ns=3 * S)])
+    lost = events[200]
+    folded = run([*events[:200], *events[201:210], lost, *events[210:]])
+    assert folded.intake["stale"] == folded.measurements["dropped"] == 0
+    assert folded.settled_as("d", "toy") == run(events).settled_as("d", "toy")
+
+
+def test_a_number_that_leaps_absurdly_makes_nothing_that_follows_stale() -> None:
+    first, *rest = numbered([*walk(0, 20), *walk(0, 5, offset_ns=3 * S)])
+    folded = run([first, replace(rest[0], seq=10**12), *rest[1:]])
+    assert folded.intake["stale"] == 0
+    assert {e.epoch for e in settled(folded)} == {0, 1}
+
+
 def test_sensors_on_another_clock_do_not_restart_the_track_again_and_again() -> None:
     events = []
     for second in range(30):

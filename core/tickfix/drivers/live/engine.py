@@ -120,6 +120,7 @@ class Engine:
             "lateness_ms": self._speaker.lateness.summary(),
             "work_ms": self.work.summary(),
             "measurements": books.measurements,
+            "missing": books.missing,
             "failures": books.failures,
             "journal": self._ledger.status(),
             "overload": self.overload,

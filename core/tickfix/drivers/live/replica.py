@@ -44,10 +44,11 @@ class Done:
 
 @dataclass(frozen=True, slots=True)
 class Books:
-    """Counters of a kernel: devices followed, measurements by what became of them, failures by stage."""
+    """Counters: devices followed, measurements by what became of them, messages missing, failures by stage."""
 
     devices: int
     measurements: Mapping[str, int]
+    missing: int
     failures: Mapping[str, int]
 
 
@@ -137,7 +138,7 @@ class Replica:
     def books(self) -> Books:
         """Return the counters as they are now."""
         kernel = self.kernel
-        return Books(len(kernel.devices), dict(kernel.measurements), dict(kernel.failures))
+        return Books(len(kernel.devices), dict(kernel.measurements), kernel.missing, dict(kernel.failures))
 
     @property
     def waiting(self) -> Mapping[int, Scan]:

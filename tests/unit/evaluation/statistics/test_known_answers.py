@@ -42,15 +42,15 @@ def test_intervals_hold_the_truth_as_often_as_they_say(chains: int, metric: str)
         quantity.of(endless.pipeline_m, endless.chain, every)[0]
         - quantity.of(endless.baseline_m, endless.chain, every)[0]
     )
-    count = 400
+    count = 600
     held = 0
     for _ in range(count):
         found = interval(experiment(rng, chains, shift_m=0.5), quantity, rng, replicates=400)
         assert found.low_m is not None
         assert found.high_m is not None
         held += found.low_m <= truth <= found.high_m
-    # Chance alone moves the share by 1.1 points; 400 replicates and skew cost some more.
-    assert 0.92 <= held / count <= 0.98
+    # Chance alone moves the share by 0.9 points; 400 replicates and skew cost some more.
+    assert 0.925 <= held / count <= 0.975
 
 
 def test_a_true_null_is_rejected_as_often_as_the_level_says() -> None:
