@@ -32,6 +32,14 @@ def by_tick(times: list[int]) -> Iterator[tuple[int, int, int]]:
         begin = end
 
 
+def _known_to_fit(t_ns: Ints, values: Floats) -> Samples:
+    """Return samples without checking again what was checked when they came."""
+    samples = object.__new__(Samples)
+    object.__setattr__(samples, "t_ns", t_ns)
+    object.__setattr__(samples, "values", values)
+    return samples
+
+
 class TickSamples:
     """Samples of one sensor, (n,) instants and (n, c) rows; of two rows at an instant the smaller one stands.
 
@@ -77,9 +85,12 @@ class TickSamples:
         if self._loose is not None:
             ordered = sorted(self._loose.items())
             return Samples(np.array([t for t, _ in ordered], np.int64), np.array([row for _, row in ordered]))
-        t_ns, values = (np.concatenate(arrays) for arrays in zip(*self._pieces, strict=True))
+        if len(self._pieces) == 1:
+            t_ns, values = self._pieces[0]
+        else:
+            t_ns, values = (np.concatenate(arrays) for arrays in zip(*self._pieces, strict=True))
         t_ns.flags.writeable = values.flags.writeable = False  # nobody else has them: not copied again
-        return Samples(t_ns, values)
+        return _known_to_fit(t_ns, values)
 
     def _mapped(self) -> dict[int, Row]:
         return {t: row for t_ns, rows in self._pieces for t, row in zip(t_ns.tolist(), rows_of(rows), strict=True)}

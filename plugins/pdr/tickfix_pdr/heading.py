@@ -63,7 +63,8 @@ def fold_heading(state: HeadingState, samples: MotionSamples) -> tuple[HeadingSt
     sin = cos = 0.0
     if rotation is not None:
         azimuths = azimuth_of(rotation.values)
-        sin, cos = float(np.sin(azimuths).mean()), float(np.cos(azimuths).mean())
+        n = len(azimuths)
+        sin, cos = float(np.sin(azimuths).sum()) / n, float(np.cos(azimuths).sum()) / n
         last = float(azimuths[-1])
         turned = last - heading if heading is not None and turned is None else (turned or 0.0)
         heading = last
@@ -115,11 +116,11 @@ def fold_gravity(up: tuple[float, float, float], samples: Samples | None, dt: fl
     """Return gravity's reaction in the device frame after ``dt`` seconds of samples, smoothed."""
     if samples is None:
         return up
-    mean = samples.values.mean(axis=0)
-    if any(up):
-        gain = dt / (_GRAVITY_S + dt)
-        mean = np.array(up) + gain * (mean - np.array(up))
-    return (float(mean[0]), float(mean[1]), float(mean[2]))
+    x, y, z = (samples.values.sum(axis=0) / len(samples)).tolist()
+    if not any(up):
+        return x, y, z
+    gain = dt / (_GRAVITY_S + dt)
+    return up[0] + gain * (x - up[0]), up[1] + gain * (y - up[1]), up[2] + gain * (z - up[2])
 
 
 def fold_yaw(last_ns: int, samples: Samples | None, up: tuple[float, float, float]) -> tuple[float | None, int]:
@@ -127,11 +128,13 @@ def fold_yaw(last_ns: int, samples: Samples | None, up: tuple[float, float, floa
     if samples is None:
         return None, last_ns
     vertical = np.array(up)
-    length = float(np.linalg.norm(vertical))
+    length = math.hypot(*up)
     newest_ns = int(samples.t_ns[-1])
     if length == 0.0:
         return None, newest_ns
-    before = int(samples.t_ns[0]) if last_ns < 0 else last_ns
-    dt = np.minimum(np.diff(samples.t_ns, prepend=before) * 1e-9, _LONGEST_DT_S)
+    dt = np.empty(len(samples))
+    dt[0] = 0.0 if last_ns < 0 else (int(samples.t_ns[0]) - last_ns) * 1e-9
+    np.multiply(samples.t_ns[1:] - samples.t_ns[:-1], 1e-9, out=dt[1:])
+    np.minimum(dt, _LONGEST_DT_S, out=dt)
     # The right-hand rule turns counter-clockwise seen from above; headings run clockwise.
     return -float(dt @ (samples.values @ vertical)) / length, newest_ns
