@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lab import EFFORT, SETTINGS, Folded, Lab, delayed, fold, merged, numbered, split, without_truth
-from toys import sabotaged
+from lab import EFFORT, SETTINGS, Folded, Lab, delayed, fold, merged, numbered, split, track_digest, without_truth
+from toys import plain, sabotaged
 
-from tickfix.api import TICK_NS, Event, PluginError, Status, Truth
+from tickfix.api import TICK_NS, Estimate, Event, PluginError, Status, Truth
 from tickfix.kernel import Kernel, Pipeline
 
 seeds = st.integers(0, 2**32 - 1)
@@ -204,3 +204,28 @@ def test_the_driver_may_close_every_tick_itself_and_the_settled_bytes_stay(lab: 
     theirs = Folded({}, {(device, name): settled[: len(settled) - extra]}, {}, (), *[kernel.intake] * 3)
     assert theirs.settled_as(device, name) == by_data.settled_as(device, name)
     assert [e.tick for e in published] == list(range(published[0].tick, published[-1].tick + 1))
+
+
+@settings(max_examples=EFFORT)
+@given(seed=seeds)
+def test_devices_that_run_together_say_what_each_says_alone(lab: Lab, name: str, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    names = [f"phone {n}" for n in range(4)]
+    queues = {
+        phone: [replace(e, device=phone) for e in delayed(everything(lab), seed + n, 1.0 + 2.0 * n)]
+        for n, phone in enumerate(names)
+    }
+    alone = {phone: fold([lab.pipelines[name]], events, finish=False) for phone, events in queues.items()}
+    kernel = Kernel([lab.pipelines[name]], SETTINGS)
+    said: dict[str, list[Estimate]] = {phone: [] for phone in names}
+    while any(queues.values()):
+        chosen = [phone for phone in names if queues[phone] and rng.random() < 0.7]
+        for phone in chosen:
+            kernel.feed(queues[phone].pop(0))
+        for phone, output in zip(chosen, kernel.run_many([(p, None) for p in chosen]), strict=True):
+            said[phone] += [*output.revised, *output.published]
+    for phone in names:
+        published = [e for e in said[phone] if not e.revision]
+        assert track_digest(published) == alone[phone].said(phone, name)
+        revised = [plain(e) for e in said[phone] if e.revision]
+        assert revised == [plain(e) for e in alone[phone].revised.get((phone, name), [])]
