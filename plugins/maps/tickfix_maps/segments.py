@@ -1,6 +1,7 @@
 """Exact crossings of many short moves with many wall segments.
 
-A coarse grid lists for each cell the segments that a short move around its centre could touch; only those are tested,
+Small cells tell how far off every segment is, so that most moves are known at once to meet none. For the others, a
+coarse grid lists for each cell the segments that a short move around its centre could touch; only those are tested,
 each exactly. A raster of blocked cells would refuse moves beside a wall and a test of end points would jump through it.
 """
 
@@ -12,10 +13,10 @@ import numpy as np
 import shapely
 
 from tickfix.api import Bools, Floats, Ints, frozen
+from tickfix_maps.cells import MARGIN_M, Cells
 
 _CELL_M: Final = 0.5
 _REACH_M: Final = 1.0  # half of the longest piece that is tested at once
-_MARGIN_M: Final = 2.0
 _ROUNDING_M: Final = 1e-6
 
 
@@ -31,15 +32,17 @@ class SegmentIndex:
         segments = segments[np.hypot(*(segments[:, 1] - segments[:, 0]).T) > 0]
         self.segments = frozen(segments)
         self._width = self._height = 0
-        self.centres = frozen(np.zeros((0, 2)))
         if len(segments) == 0:
             return
         corners = segments.reshape(-1, 2)
-        self._origin = corners.min(axis=0) - _MARGIN_M
-        self._width, self._height = np.ceil((corners.max(axis=0) + _MARGIN_M - self._origin) / _CELL_M).astype(int)
+        self._origin = corners.min(axis=0) - MARGIN_M
+        self._width, self._height = np.ceil((corners.max(axis=0) + MARGIN_M - self._origin) / _CELL_M).astype(int)
         rows, columns = np.divmod(np.arange(self._width * self._height), self._width)
         centres: Floats = self._origin + _CELL_M * (np.stack([columns, rows], axis=1) + 0.5)
-        self.centres = frozen(centres)
+        self._centres = frozen(centres)
+        self._cells = Cells(segments)
+        # A move whose middle lies there and that is shorter meets nothing; squared, as lengths are compared.
+        self._harmless_m2 = frozen((2.0 * np.maximum(self._cells.clearance_m() - _ROUNDING_M, 0.0)) ** 2)
         tree = shapely.STRtree(shapely.linestrings(segments))
         # A piece is at most 2·reach long and its middle lies in the cell.
         reach_m = _REACH_M + _CELL_M * np.sqrt(0.5)
@@ -56,9 +59,14 @@ class SegmentIndex:
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
         """Tell for each move from ``a`` (n, 2) to ``b`` (n, 2) whether it passes through or touches a segment."""
-        move, _ = self._crossings(a, b)
         crossed = np.zeros(len(a), dtype=np.bool_)
-        crossed[move] = True
+        if self._width == 0:
+            return crossed
+        ax, ay, bx, by = a[:, 0], a[:, 1], b[:, 0], b[:, 1]
+        cell = self._cells.of(0.5 * (ax + bx), 0.5 * (ay + by))
+        close = np.flatnonzero((bx - ax) ** 2 + (by - ay) ** 2 >= self._harmless_m2[cell])
+        move, _ = self._crossings(a[close], b[close])
+        crossed[close[move]] = True
         return crossed
 
     def first_crossing(self, a: Floats, b: Floats) -> float:
@@ -73,15 +81,8 @@ class SegmentIndex:
             shares.append(float((start[0] * wall[1] - start[1] * wall[0]) / across) if across != 0 else 0.0)
         return min(shares)
 
-    @property
-    def uniform(self) -> Bools:
-        """(cells,) bool: no segment comes into the cell, so that what holds at its centre holds in all of it."""
-        return self._nearest > _CELL_M * np.sqrt(0.5) if len(self.centres) else np.zeros(0, dtype=np.bool_)
-
-    def cells(self, xy: Floats) -> tuple[Ints, Bools]:
+    def _coarse(self, xy: Floats) -> tuple[Ints, Bools]:
         """Return for each point (n, 2) the number of its cell, and whether it has one: outside the grid it is 0."""
-        if len(self.centres) == 0:
-            return np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.bool_)
         column, row = np.floor((xy - self._origin) / _CELL_M).astype(np.int64).T
         inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
         return np.where(inside, row * self._width + column, 0), inside
@@ -100,9 +101,9 @@ class SegmentIndex:
             middle = a[move] + ((number + 0.5) / pieces[move])[:, None] * (b[move] - a[move])
         else:
             middle = 0.5 * (a + b)
-        cell, inside = self.cells(middle)
+        cell, inside = self._coarse(middle)
         # From the cell's centre, a piece reaches no further than to its middle and then half its length.
-        reach = np.hypot(*(middle - self.centres[cell]).T)
+        reach = np.hypot(*(middle - self._centres[cell]).T)
         reach += 0.5 * lengths[move] / pieces[move] + _ROUNDING_M
         close = np.flatnonzero(inside & (self._nearest[cell] <= reach))
         if len(close) == 0:
