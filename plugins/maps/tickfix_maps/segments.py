@@ -92,7 +92,7 @@ class SegmentIndex:
         way_x, way_y = bx - ax, by - ay
         half = 0.5 * np.hypot(way_x, way_y)
         if half.max(initial=0.0) > _REACH_M:
-            pieces = np.ceil(half / _REACH_M).astype(np.int64)
+            pieces = np.maximum(1, np.ceil(half / _REACH_M).astype(np.int64))
             move = np.repeat(move, pieces)
             number = np.arange(len(move)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
             share = (number + 0.5) / pieces[move]
