@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tickfix.api import Belief, Floats, wrap_rad
+from tickfix.api import Belief, Floats, frozen, wrap_rad
 from tickfix_filters.fusion_state import Particles
 from tickfix_filters.resampling import normalised, spatial_median, weighted_mean
 
@@ -20,29 +20,32 @@ def mean_xy(state: Particles) -> Floats:
 def beliefs(states: Sequence[Particles], *, median: bool) -> list[Belief]:
     """Return what each of D states with N particles means, around their spatial median or their mean."""
     weights = normalised(np.stack([state.log_weights for state in states]))
-    xy, bias = np.stack([state.xy for state in states]), np.stack([state.bias_rad for state in states])
-    x, y = xy[..., 0].copy(), xy[..., 1].copy()
-    centre = weighted_mean(weights, x), weighted_mean(weights, y)
-    if median:
-        centre = spatial_median(x, y, weights, centre)
-    x -= centre[0][:, None]
-    y -= centre[1][:, None]
+    xy = np.stack([state.xy for state in states])
+    mean_x, mean_y = weighted_mean(weights, xy[..., 0]), weighted_mean(weights, xy[..., 1])
+    x, y = xy[..., 0] - mean_x[:, None], xy[..., 1] - mean_y[:, None]
+    off_x, off_y = spatial_median(x, y, weights) if median else (np.zeros(len(states)), np.zeros(len(states)))
+    centres = frozen(np.stack([mean_x + off_x, mean_y + off_y], axis=-1))
     unseen = np.array([state.unseen.variance_m2 for state in states])
-    xx, yy = (weighted_mean(weights, off * off) + unseen for off in (x, y))
-    xyxy = np.stack([xx, weighted_mean(weights, x * y), weighted_mean(weights, x * y), yy], axis=-1)
-    covariances = xyxy.reshape(-1, 2, 2)
-    centres = np.stack(centre, axis=-1)
-    single = bias.astype(np.float32)
-    sines, cosines = (weighted_mean(weights, turn(single)) for turn in (np.sin, np.cos))
+    wx = weights * x
+    xx = weighted_mean(wx, x) + off_x * off_x + unseen
+    xy_ = weighted_mean(wx, y) + off_x * off_y
+    yy = weighted_mean(weights * y, y) + off_y * off_y + unseen
+    covariances = frozen(np.stack([xx, xy_, xy_, yy], axis=-1).reshape(-1, 2, 2))
+    turned = _mean_angles(weights, np.stack([state.bias_rad for state in states]))
     return [
         Belief(
             floor=state.on.floor,
             xy=centres[d],
             covariance=covariances[d],
             speed_mps=state.speed_mps,
-            heading_rad=None
-            if state.heading_rad is None
-            else float(wrap_rad(state.heading_rad + math.atan2(sines[d], cosines[d]))),
+            heading_rad=None if state.heading_rad is None else float(wrap_rad(state.heading_rad + turned[d])),
         )
         for d, state in enumerate(states)
     ]
+
+
+def _mean_angles(weights: Floats, angles: Floats) -> list[float]:
+    """Return the direction in which each row of angles (D, N) points on the whole."""
+    single, w = angles.astype(np.float32), weights.astype(np.float32)
+    sine, cosine = (np.sin(single) * w).sum(axis=-1), (np.cos(single) * w).sum(axis=-1)
+    return [math.atan2(*pair) for pair in zip(sine.tolist(), cosine.tolist(), strict=True)]

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
 from tickfix.api import Floats, Motion, Rng, wrap_rad
 from tickfix_filters.fusion_params import FusionPfParams
 from tickfix_filters.fusion_state import BiasPrior, Particles
-
-_DRAWN: Final = 4
+from tickfix_filters.normals import normal_pairs
 
 
 def bias_prior(motion: Motion, params: FusionPfParams) -> BiasPrior:
@@ -72,19 +70,17 @@ def walked(
         )
         for heading, motion in zip(headings_rad, motions, strict=True)
     ]
-    heading, distance, diffusion, distance_sigma, heading_sigma, turn_bias_sigma = np.array(table).T[:, :, None]
-    drawn = np.stack([rng.standard_normal((_DRAWN, xy.shape[1])) for rng in rngs])
-    bias = bias_rad + turn_bias_sigma * drawn[:, 0]
-    sine, cosine = _sine_cosine(heading + bias + heading_sigma * drawn[:, 1])
-    along = distance * (1.0 + scale) + np.hypot(diffusion, distance_sigma) * drawn[:, 2]
-    across = diffusion * drawn[:, 3]
+    # The way is computed in single precision, a ten-millionth of it; the place it leads to is not.
+    columns = np.array(table, dtype=np.float32).T[:, :, None]
+    heading, distance, diffusion, distance_sigma, heading_sigma, turn_bias_sigma = columns
+    n = xy.shape[1]
+    one, other = normal_pairs(rngs, 2 * n)
+    bias = bias_rad + turn_bias_sigma * one[:, :n]
+    theta = heading + bias.astype(np.float32) + heading_sigma * one[:, n:]
+    along = distance * (1.0 + scale.astype(np.float32)) + np.hypot(diffusion, distance_sigma) * other[:, :n]
+    across = diffusion * other[:, n:]
+    sine, cosine = np.sin(theta), np.cos(theta)
     there = np.empty_like(xy)
-    there[..., 0] = xy[..., 0] + along * sine + across * cosine
-    there[..., 1] = xy[..., 1] + along * cosine - across * sine
+    there[..., 0] = xy[..., 0] + (along * sine + across * cosine)
+    there[..., 1] = xy[..., 1] + (along * cosine - across * sine)
     return there, bias
-
-
-def _sine_cosine(angle_rad: Floats) -> tuple[Floats, Floats]:
-    """Return both in single precision, since numpy has vector instructions for that: a ten-millionth of a way."""
-    angle = angle_rad.astype(np.float32)
-    return np.sin(angle).astype(np.float64), np.cos(angle).astype(np.float64)

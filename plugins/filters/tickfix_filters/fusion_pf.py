@@ -114,10 +114,10 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         squares: Floats = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
         log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
         off = fix.xy - mean_xy(state)
-        innovation_m = float(np.hypot(*off))
+        innovation_m = math.hypot(*off)
         counted = min(1.0, _FAR * self.params.astray_m / max(innovation_m, 1e-9)) * off
         astray = (1.0 - _LEARN_ASTRAY) * state.astray + _LEARN_ASTRAY * counted
-        if np.hypot(*astray) > self.params.astray_m:
+        if math.hypot(*astray) > self.params.astray_m:
             report = Report(used=1, innovation_m=innovation_m, lost=True, reasons=("began anew",))
             return self._begun_anew(state, fix, rng), report
         surprise = (1.0 - _LEARN) * state.surprise + _LEARN * 0.5 * float(off @ off) / sigma_m(fix) ** 2

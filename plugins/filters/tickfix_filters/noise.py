@@ -17,8 +17,6 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
-
 from tickfix.api import Fix, parameter
 
 
@@ -37,4 +35,5 @@ class FixErrorParams:
 
 def sigma_m(fix: Fix) -> float:
     """Return σ of ``fix``, metres per axis."""
-    return math.sqrt(0.5 * float(np.trace(fix.covariance)))
+    (xx, _), (_, yy) = fix.covariance.tolist()
+    return math.sqrt(0.5 * (xx + yy))

@@ -52,19 +52,24 @@ def weighted_mean(weights: Floats, values: Floats) -> Floats:
     return mean
 
 
-def spatial_median(x: Floats, y: Floats, weights: Floats, start: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Return about the point with the least mean distance from (x, y), by a few of Weiszfeld's iterations.
+def spatial_median(x: Floats, y: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Return about the point (…) with the least mean distance from (x, y), by a few of Weiszfeld's iterations from 0.
 
     Where the particles stand in two crowds the mean lies between them, where nobody is; this lies in the larger.
 
     Args:
-        x, y, weights: (…, N).
-        start: x and y (…) to begin at.
+        x, y, weights: (…, N); places around their mean, since single precision is enough for them then.
     """
-    median_x, median_y = start
+    x, y, weights = x.astype(np.float32), y.astype(np.float32), weights.astype(np.float32)
+    median_x = median_y = np.zeros((*x.shape[:-1], 1), np.float32)
+    nearest = np.float32(_NEAREST_M)
     for _ in range(_WEISZFELD_ITERATIONS):
-        off_x, off_y = x - median_x[..., None], y - median_y[..., None]
-        pull = weights / np.maximum(np.sqrt(off_x * off_x + off_y * off_y), _NEAREST_M)
-        total = pull.sum(axis=-1)
-        median_x, median_y = weighted_mean(pull, x) / total, weighted_mean(pull, y) / total
-    return median_x, median_y
+        off_x, off_y = x - median_x, y - median_y
+        off_x *= off_x
+        off_y *= off_y
+        distance = np.sqrt(np.add(off_x, off_y, out=off_x), out=off_x)
+        pull = np.divide(weights, np.maximum(distance, nearest, out=distance), out=distance)
+        total = pull.sum(axis=-1, keepdims=True)
+        median_x = np.multiply(pull, x, out=off_y).sum(axis=-1, keepdims=True) / total
+        median_y = np.multiply(pull, y, out=off_y).sum(axis=-1, keepdims=True) / total
+    return median_x[..., 0].astype(np.float64), median_y[..., 0].astype(np.float64)

@@ -1,6 +1,7 @@
 """Exact crossings of many short moves with many wall segments.
 
-A coarse grid lists for each cell the segments that a short move around its centre could touch; only those are tested,
+Small cells tell how far off every segment is, so that most moves are known at once to meet none. For the others, a
+coarse grid lists for each cell the segments that a short move around its centre could touch; only those are tested,
 each exactly. A raster of blocked cells would refuse moves beside a wall and a test of end points would jump through it.
 """
 
@@ -12,10 +13,10 @@ import numpy as np
 import shapely
 
 from tickfix.api import Bools, Floats, Ints, frozen
+from tickfix_maps.cells import MARGIN_M, Cells
 
 _CELL_M: Final = 0.5
 _REACH_M: Final = 1.0  # half of the longest piece that is tested at once
-_MARGIN_M: Final = 2.0
 _ROUNDING_M: Final = 1e-6
 
 
@@ -30,16 +31,17 @@ class SegmentIndex:
         """Lay the grid over the segments."""
         segments = segments[np.hypot(*(segments[:, 1] - segments[:, 0]).T) > 0]
         self.segments = frozen(segments)
-        self._width = self._height = 0
-        self.centres = frozen(np.zeros((0, 2)))
         if len(segments) == 0:
             return
         corners = segments.reshape(-1, 2)
-        self._origin = corners.min(axis=0) - _MARGIN_M
-        self._width, self._height = np.ceil((corners.max(axis=0) + _MARGIN_M - self._origin) / _CELL_M).astype(int)
+        self._origin = corners.min(axis=0) - MARGIN_M
+        self._width, self._height = np.ceil((corners.max(axis=0) + MARGIN_M - self._origin) / _CELL_M).astype(int)
         rows, columns = np.divmod(np.arange(self._width * self._height), self._width)
         centres: Floats = self._origin + _CELL_M * (np.stack([columns, rows], axis=1) + 0.5)
-        self.centres = frozen(centres)
+        self._ends = tuple(frozen(column.copy()) for column in segments.reshape(-1, 4).T)
+        self._cells = Cells(segments)
+        # A move whose middle lies there and that is shorter meets nothing; squared, as lengths are compared.
+        self._harmless_m2 = frozen((2.0 * np.maximum(self._cells.clearance_m() - _ROUNDING_M, 0.0)) ** 2)
         tree = shapely.STRtree(shapely.linestrings(segments))
         # A piece is at most 2·reach long and its middle lies in the cell.
         reach_m = _REACH_M + _CELL_M * np.sqrt(0.5)
@@ -50,15 +52,12 @@ class SegmentIndex:
         self._candidates: Ints = segment[order].astype(np.int64)
         self._distances: Floats = distance[order]
         self._counts: Ints = np.bincount(cell, minlength=len(centres)).astype(np.int64)
-        self._nearest: Floats = np.full(len(centres), np.inf)
-        np.minimum.at(self._nearest, cell, distance)
         self._offsets: Ints = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
         """Tell for each move from ``a`` (n, 2) to ``b`` (n, 2) whether it passes through or touches a segment."""
-        move, _ = self._crossings(a, b)
         crossed = np.zeros(len(a), dtype=np.bool_)
-        crossed[move] = True
+        crossed[self._crossings(a, b)[0]] = True
         return crossed
 
     def first_crossing(self, a: Floats, b: Floats) -> float:
@@ -73,56 +72,50 @@ class SegmentIndex:
             shares.append(float((start[0] * wall[1] - start[1] * wall[0]) / across) if across != 0 else 0.0)
         return min(shares)
 
-    @property
-    def uniform(self) -> Bools:
-        """(cells,) bool: no segment comes into the cell, so that what holds at its centre holds in all of it."""
-        return self._nearest > _CELL_M * np.sqrt(0.5) if len(self.centres) else np.zeros(0, dtype=np.bool_)
-
-    def cells(self, xy: Floats) -> tuple[Ints, Bools]:
-        """Return for each point (n, 2) the number of its cell, and whether it has one: outside the grid it is 0."""
-        if len(self.centres) == 0:
-            return np.zeros(len(xy), dtype=np.int64), np.zeros(len(xy), dtype=np.bool_)
-        column, row = np.floor((xy - self._origin) / _CELL_M).astype(np.int64).T
-        inside = (column >= 0) & (column < self._width) & (row >= 0) & (row < self._height)
-        return np.where(inside, row * self._width + column, 0), inside
-
     def _crossings(self, a: Floats, b: Floats) -> tuple[Ints, Ints]:
         """Return for every pair that meets: index of the move and of the segment."""
-        none = np.zeros(0, dtype=np.int64)
-        if self._width == 0 or len(a) == 0:
+        if len(self.segments) == 0:
+            none = np.zeros(0, dtype=np.int64)
             return none, none
-        move = np.arange(len(a))
-        lengths = np.hypot(b[:, 0] - a[:, 0], b[:, 1] - a[:, 1])
-        pieces = np.maximum(1, np.ceil(lengths / (2.0 * _REACH_M)).astype(np.int64))
-        if pieces.max() > 1:
+        ax, ay, bx, by = a[:, 0], a[:, 1], b[:, 0], b[:, 1]
+        cell = self._cells.of(0.5 * (ax + bx), 0.5 * (ay + by))
+        move = np.flatnonzero((bx - ax) ** 2 + (by - ay) ** 2 >= self._harmless_m2[cell])
+        ends = ax[move], ay[move], bx[move], by[move]
+        close, segment = self._close(*ends)
+        # The whole move is tested, not the piece: cutting it would move its points by rounding.
+        meets = _meet(*(end[close] for end in ends), *(end[segment] for end in self._ends))
+        return move[close[meets]], segment[meets]
+
+    def _close(self, ax: Floats, ay: Floats, bx: Floats, by: Floats) -> tuple[Ints, Ints]:
+        """Return every pair of a move (n,) and a segment that come so close that they might meet: index of each."""
+        move = np.arange(len(ax))
+        way_x, way_y = bx - ax, by - ay
+        half = 0.5 * np.hypot(way_x, way_y)
+        if half.max(initial=0.0) > _REACH_M:
+            pieces = np.maximum(1, np.ceil(half / _REACH_M).astype(np.int64))
             move = np.repeat(move, pieces)
             number = np.arange(len(move)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-            middle = a[move] + ((number + 0.5) / pieces[move])[:, None] * (b[move] - a[move])
+            share = (number + 0.5) / pieces[move]
+            x, y, half = ax[move] + share * way_x[move], ay[move] + share * way_y[move], (half / pieces)[move]
         else:
-            middle = 0.5 * (a + b)
-        cell, inside = self.cells(middle)
+            x, y = ax + 0.5 * way_x, ay + 0.5 * way_y
+        column, row = (x - self._origin[0]) / _CELL_M, (y - self._origin[1]) / _CELL_M
+        inside = np.flatnonzero((column >= 0) & (column < self._width) & (row >= 0) & (row < self._height))
+        column, row = np.floor(column[inside]), np.floor(row[inside])
+        cell = (row * self._width + column).astype(np.int64)
         # From the cell's centre, a piece reaches no further than to its middle and then half its length.
-        reach = np.hypot(*(middle - self.centres[cell]).T)
-        reach += 0.5 * lengths[move] / pieces[move] + _ROUNDING_M
-        close = np.flatnonzero(inside & (self._nearest[cell] <= reach))
-        if len(close) == 0:
-            return none, none
-        counts = self._counts[cell[close]]
-        piece = np.repeat(close, counts)
-        within = np.arange(len(piece)) - np.repeat(np.cumsum(counts) - counts, counts)
-        candidate = self._offsets[cell[piece]] + within
-        near = self._distances[candidate] <= reach[piece]
-        piece, segment = piece[near], self._candidates[candidate[near]]
-        # The whole move is tested, not the piece: cutting it would move its points by rounding.
-        move = move[piece]
-        meets = _meet(a[move], b[move], self.segments[segment, 0], self.segments[segment, 1])
-        return move[meets], segment[meets]
+        off_x = x[inside] - (self._origin[0] + _CELL_M * (column + 0.5))
+        off_y = y[inside] - (self._origin[1] + _CELL_M * (row + 0.5))
+        reach = np.sqrt(off_x * off_x + off_y * off_y) + half[inside] + _ROUNDING_M
+        counts = self._counts[cell]
+        piece = np.repeat(np.arange(len(cell)), counts)
+        candidate = np.arange(len(piece)) + np.repeat(self._offsets[cell] - (np.cumsum(counts) - counts), counts)
+        near = np.flatnonzero(self._distances[candidate] <= reach[piece])
+        return move[inside[piece[near]]], self._candidates[candidate[near]]
 
 
-def _meet(a: Floats, b: Floats, p: Floats, q: Floats) -> Bools:
+def _meet(ax: Floats, ay: Floats, bx: Floats, by: Floats, px: Floats, py: Floats, qx: Floats, qy: Floats) -> Bools:
     """Tell for each pair whether the closed segments ab and pq share a point: (n,) bool."""
-    ax, ay, bx, by = a[:, 0], a[:, 1], b[:, 0], b[:, 1]
-    px, py, qx, qy = p[:, 0], p[:, 1], q[:, 0], q[:, 1]
     # Each of the two must not lie wholly on one side of the other …
     side_p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
     side_q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from tickfix.api import BaseMap, Bools, Context, Floats, Floor, Trained, frozen, parameter
+from tickfix_maps.cells import Cells
 from tickfix_maps.segments import SegmentIndex
 
 
@@ -40,10 +41,10 @@ class Walls(BaseMap[WallsParams]):
         """Tell for each point (n, 2) whether one can stand there."""
         if self._walkable is None:
             return np.ones(len(xy), dtype=np.bool_)
-        cell, known = self._index.cells(xy)
-        uniform, free = self._cells
-        inside: Bools = known & free[cell] if len(free) else np.zeros(len(xy), dtype=np.bool_)
-        unsure = np.flatnonzero(known & ~uniform[cell]) if len(free) else np.arange(len(xy))
+        cells, free, telling = self._free
+        cell = cells.of(xy[:, 0], xy[:, 1])
+        inside: Bools = free[cell]
+        unsure = np.flatnonzero(~telling[cell])
         inside[unsure] = shapely.contains_xy(self._walkable, xy[unsure])
         return inside
 
@@ -78,9 +79,10 @@ class Walls(BaseMap[WallsParams]):
         return None if self._walkable is None else self._inner
 
     @cached_property
-    def _cells(self) -> tuple[Bools, Bools]:
-        """Which cells of the index no wall comes into, and which of all have their centre where one can stand."""
-        return self._index.uniform, shapely.contains_xy(self._walkable, self._index.centres)
+    def _free(self) -> tuple[Cells, Bools, Bools]:
+        """Cells, in which of them one can stand, and which of them are wholly alike and tell it."""
+        cells = Cells(_edges(self._floor))
+        return cells, *cells.alike(lambda xy: shapely.contains_xy(self._walkable, xy))
 
     @cached_property
     def _walkable(self) -> Any:
@@ -104,11 +106,12 @@ class Walls(BaseMap[WallsParams]):
 
 def wall_segments(floor: Floor) -> Floats:
     """Return everything nobody passes, (m, 2, 2): walls and the edges of outline and obstacles."""
-    parts = [floor.walls]
-    for ring in (*floor.outline, *floor.obstacles):
-        closed = np.concatenate([ring, ring[:1]])
-        parts.append(np.stack([closed[:-1], closed[1:]], axis=1))
-    return frozen(np.concatenate(parts))
+    return frozen(np.concatenate([floor.walls, _edges(floor)]))
+
+
+def _edges(floor: Floor) -> Floats:
+    rings = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in (*floor.outline, *floor.obstacles)]
+    return np.concatenate([np.zeros((0, 2, 2)), *rings])
 
 
 def _area(ring: Floats) -> Any:
