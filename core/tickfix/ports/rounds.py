@@ -20,7 +20,7 @@ from tickfix.ports.waking import Errands
 _ERRANDS: Final = 32
 _LOOK_NS: Final = 500_000_000
 _ROUND_NS: Final = 1_000_000
-"""Rounds begin no closer to each other: a thread that wakes for every message pays more for waking than for its work."""
+"""Rounds begin no closer to each other: waking for every message would cost more than serving it."""
 
 
 class Rounds:
