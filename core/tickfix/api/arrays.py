@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,9 @@ from tickfix.api.errors import EventError
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]
+
+_FLOAT64: Final = np.dtype(np.float64)
+_INT64: Final = np.dtype(np.int64)
 
 
 def frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
@@ -34,7 +37,7 @@ def frozen_floats(name: str, values: ArrayLike, *shape: int | None) -> Floats:
     Raises:
         EventError: naming the field ``name`` when it is not numeric or has another shape.
     """
-    return _frozen(name, values, np.float64, shape)
+    return values if _is_frozen(values, _FLOAT64, shape) else _frozen(name, values, _FLOAT64, shape)
 
 
 def frozen_ints(name: str, values: ArrayLike, *shape: int | None) -> Ints:
@@ -43,10 +46,20 @@ def frozen_ints(name: str, values: ArrayLike, *shape: int | None) -> Ints:
     Raises:
         EventError: naming the field ``name`` when it holds anything but integers or has another shape.
     """
+    if _is_frozen(values, _INT64, shape):
+        return values
     array = np.asarray(values)
     if array.size and array.dtype.kind not in "iu":
         raise EventError(f"{name}: found {array.dtype}, expected integers")
-    return _frozen(name, array, np.int64, shape)
+    return _frozen(name, array, _INT64, shape)
+
+
+def _is_frozen(values: ArrayLike, dtype: np.dtype[Any], shape: tuple[int | None, ...]) -> TypeGuard[NDArray[Any]]:
+    """Whether :func:`_frozen` would return this very array, as it does where one came over the wire."""
+    if type(values) is not np.ndarray or values.dtype is not dtype:
+        return False
+    flags = values.flags
+    return flags.c_contiguous and not flags.writeable and _fits(values.shape, shape)
 
 
 def _frozen(name: str, values: ArrayLike, dtype: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:

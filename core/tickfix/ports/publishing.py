@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, cast
 
 import zmq
 
@@ -72,7 +72,7 @@ class Publisher:
     def subscriptions(self) -> set[bytes]:
         """Return the topics that listeners have subscribed to since the last call; to be called before :meth:`send`."""
         topics: set[bytes] = set()
-        if not int(self._socket.getsockopt(_EVENTS)) & _POLLIN:
+        if not cast(int, self._socket.getsockopt(_EVENTS)) & _POLLIN:
             return topics
         for _ in range(_AT_ONCE):
             try:

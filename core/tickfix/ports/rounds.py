@@ -19,6 +19,8 @@ from tickfix.ports.waking import Errands
 
 _ERRANDS: Final = 32
 _LOOK_NS: Final = 500_000_000
+_ROUND_NS: Final = 1_000_000
+"""Rounds begin no closer to each other: waking for every message would cost more than serving it."""
 
 
 class Rounds:
@@ -59,6 +61,7 @@ class Rounds:
         """Go round until ``ended``, then run the errands that are left."""
         while not ended():
             ready = dict(self._poller.poll(self._wait_ms()))
+            begun_ns = self._clock.monotonic_ns()
             # First what the loop said, so that it counts for what comes in now.
             self._guarded(self._run_errands)
             for socket, serve in self._services.items():
@@ -66,6 +69,9 @@ class Rounds:
                     self._guarded(serve)
             self._guarded(self._positions.repeat)
             self._look()
+            left_ns = begun_ns + _ROUND_NS - self._clock.monotonic_ns()
+            if left_ns > 0:
+                self._clock.sleep(left_ns * 1e-9)
         while self._errands:
             self._guarded(self._run_errands)
 
@@ -85,6 +91,7 @@ class Rounds:
         self._poller.register(self._errands.wake, zmq.POLLIN)
         for socket in self._services:
             self._poller.register(socket, zmq.POLLIN)
+        self._paused: set[str] = set()
 
     def _wait_ms(self) -> int:
         """Return how long there is nothing to do unless something comes in; ports that pause are not listened to."""
@@ -95,7 +102,9 @@ class Rounds:
             ("control", self._control.closed_until_ns),
         ):
             pauses = until_ns > now_ns
-            self._poller.modify(self._ports[name], 0 if pauses else zmq.POLLIN)
+            if pauses is not (name in self._paused):
+                self._poller.modify(self._ports[name], 0 if pauses else zmq.POLLIN)
+                self._paused ^= {name}
             if pauses:
                 due_ns.append(until_ns)
         if (repeats_ns := self._positions.repeats_at_ns) is not None:

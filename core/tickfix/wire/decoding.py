@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from operator import attrgetter
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -28,7 +29,15 @@ _TYPES: Final[Mapping[str, type[Message]]] = {
     "bye": messages.Bye,
 }
 _DECODERS: Final = {name: msgspec.msgpack.Decoder(kind) for name, kind in _TYPES.items()}
+_KINDS: Final = {msgspec.msgpack.encode(name): name for name in _TYPES}
+_VERSIONS: Final = frozenset(map(msgspec.msgpack.encode, range(OLDEST_VERSION, VERSION + 1)))
+"""Types and versions as most peers write them."""
+
 _KNOWN: Final = {name: {"type", *kind.__struct_fields__} for name, kind in _TYPES.items()}
+_TEXTS: Final[Mapping[type[Message], Callable[[Message], tuple[str, ...]]]] = {
+    kind: attrgetter(*(field.name for field in msgspec.structs.fields(kind) if field.type is str))
+    for kind in _TYPES.values()
+}
 _MAPPED: Final[Mapping[str, Any]] = {"motion": messages.SensorBatch, "hello": float}
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 _PATH: Final = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")
@@ -94,6 +103,8 @@ def decode_as(decoder: msgspec.msgpack.Decoder[T], data: bytes) -> T:
 
 def _head(data: bytes, fields: int) -> str:
     raw = _raw_fields(data, fields)
+    if "v" in raw and "type" in raw and bytes(raw["v"]) in _VERSIONS and (usual := _KINDS.get(bytes(raw["type"]))):
+        return usual
     check_version(_scalar(raw, "v"))
     kind = _scalar(raw, "type")
     if not isinstance(kind, str):
@@ -250,6 +261,17 @@ def _first_refused(entries: Mapping[str, msgspec.Raw], kind: Any) -> tuple[str, 
 
 
 def _check_texts(message: Message, most: int) -> None:
+    text = "".join(_TEXTS[type(message)](message))
+    if isinstance(message, messages.Motion | messages.Hello):
+        text += "".join(message.sensors)
+    longest = max(map(len, message.transmitters), default=0) if isinstance(message, messages.Scan) else 0
+    # No control character is printable, and if all together are not too long, none is.
+    if not text.isprintable() or len(text) > most or longest > most:
+        _refuse_texts(message, most)
+
+
+def _refuse_texts(message: Message, most: int) -> None:
+    """Raise for the first text that cannot be; there may be none."""
     texts: list[tuple[str, str]] = [
         (name, value) for name in message.__struct_fields__ if isinstance(value := getattr(message, name), str)
     ]

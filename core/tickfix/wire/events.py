@@ -22,6 +22,7 @@ from tickfix.wire.errors import WireError
 from tickfix.wire.messages import VERSION, EventMessage, Message
 
 _ENCODER: Final = msgspec.msgpack.Encoder()
+_FIELDS: Final = {name: (f"sensors.{name}.t_ns", f"sensors.{name}.values") for name in SENSORS}
 
 
 def encode_event(event: Event) -> bytes:
@@ -135,16 +136,11 @@ def _motion(message: messages.Motion, arrival_ns: int, t0_ns: int = UNSET_NS, t1
     sensors: dict[str, Samples] = {}
     for name, batch in message.sensors.items():
         if name in SENSORS:
-            t_ns = times(f"sensors.{name}.t_ns", batch.t_ns)
-            values = rows(f"sensors.{name}.values", batch.values, len(t_ns), SENSORS[name][0])
-            sensors[name] = Samples(t_ns, values)
+            t_field, values_field = _FIELDS[name]
+            t_ns = times(t_field, batch.t_ns)
+            sensors[name] = Samples(t_ns, rows(values_field, batch.values, len(t_ns), SENSORS[name][0]))
     if message.sensors and not sensors:
         raise WireError("sensors", shown(next(iter(message.sensors))), " | ".join(SENSORS), Outcome.UNKNOWN)
-    if t0_ns == t1_ns == UNSET_NS and sensors:
-        # What the event would work out sensor by sensor, which takes longer.
-        heard = np.concatenate([samples.t_ns for samples in sensors.values()])
-        if len(heard):
-            t0_ns, t1_ns = int(heard.min()), int(heard.max())
     return MotionSamples(sensors=sensors, t0_ns=t0_ns, t1_ns=t1_ns, **_common(message, arrival_ns))
 
 
