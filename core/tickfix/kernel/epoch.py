@@ -143,7 +143,7 @@ class Epoch:
 
     def snapshot(self) -> EpochSnapshot:
         """Return the epoch as a value; whatever was fed must have been run."""
-        folds: list[FoldSnapshot] = []
+        folds: list[FoldSnapshot | None] = []
         if self._began is not None:
             folds += [moving.snapshot(*self._motion[key].oldest) for key, moving in self._moving.items()]
             folds += [observing.snapshot(*self._observations[key].oldest) for key, observing in self._observing.items()]
@@ -154,7 +154,7 @@ class Epoch:
             published=self._published,
             settled=self._settled,
             revisions=tuple(self._revisions.items()),
-            folds=tuple(folds),
+            folds=tuple(fold for fold in folds if fold is not None),
         )
 
     def restore(self, kept: EpochSnapshot) -> None:

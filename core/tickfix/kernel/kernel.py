@@ -53,7 +53,7 @@ class Kernel:
         pipelines: in the order in which estimates of a tick are to come.
         starts: devices whose start is known.
         on_failure: told of every stage call that failed.
-        on_call: told of every stage before it is called.
+        on_call: told of every stage before it is called, and None when it has come back.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Kernel:
         *,
         starts: Mapping[str, Fix] = MappingProxyType({}),
         on_failure: Callable[[Failure], None] | None = None,
-        on_call: Callable[[Stage], None] | None = None,
+        on_call: Callable[[Stage | None], None] | None = None,
     ) -> None:
         """Begin with no device."""
         self._pipelines = tuple(pipelines)

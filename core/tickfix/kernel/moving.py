@@ -7,7 +7,7 @@ from typing import Any
 
 from tickfix.api.values import Motion
 from tickfix.kernel.snapshot import FoldSnapshot
-from tickfix.kernel.stages import Caller, Failure, Stage, checked_motion, packed_state, unpacked_state
+from tickfix.kernel.stages import Caller, Failure, Stage, checked_motion, kept_snapshot, packed_state, unpacked_state
 from tickfix.kernel.timeline import Timeline
 
 
@@ -43,9 +43,10 @@ class MotionFold:
             return None if isinstance(state, Failure) else state, Moved(unknown, measured_ns, result)
         return result[0], Moved(result[1], measured_ns)
 
-    def snapshot(self, tick: int, state: Any) -> FoldSnapshot:
-        """Return the checkpoint after ``tick`` as a value."""
-        return FoldSnapshot(key=self._stage.key, tick=tick, state=packed_state(state))
+    def snapshot(self, tick: int, state: Any) -> FoldSnapshot | None:
+        """Return the checkpoint after ``tick`` as a value, None where the stage's state cannot be packed."""
+        key = self._stage.key
+        return kept_snapshot(self._call, self._stage, lambda: FoldSnapshot(key, tick, packed_state(state)))
 
     def restored(self, kept: FoldSnapshot) -> Any:
         """Return the state that ``kept`` holds."""

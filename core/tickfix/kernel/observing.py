@@ -10,7 +10,15 @@ from tickfix.api.events import TICK_NS, Scan
 from tickfix.api.packing import pack
 from tickfix.api.values import Observation, Readings
 from tickfix.kernel.snapshot import FoldSnapshot, WaitingSnapshot
-from tickfix.kernel.stages import Caller, Failure, Stage, checked_observation, packed_state, unpacked_state
+from tickfix.kernel.stages import (
+    Caller,
+    Failure,
+    Stage,
+    checked_observation,
+    kept_snapshot,
+    packed_state,
+    unpacked_state,
+)
 from tickfix.kernel.timeline import Timeline
 
 AHEAD_NS: Final = 5_000_000_000
@@ -106,10 +114,17 @@ class ObservationFold:
         windows = self._timeline.windows_with(scan, tick, fingerprint.window)
         return Question(self._stage, before, windows)
 
-    def snapshot(self, tick: int, carried: Sighted) -> FoldSnapshot:
-        """Return the checkpoint after ``tick`` as a value; observations may hold functions, so their scans stand in."""
-        waiting = tuple(WaitingSnapshot(w.scan, pack(w.before)) for w in carried.waiting)
-        return FoldSnapshot(key=self._stage.key, tick=tick, state=packed_state(carried.state), waiting=waiting)
+    def snapshot(self, tick: int, carried: Sighted) -> FoldSnapshot | None:
+        """Return the checkpoint after ``tick`` as a value, None where the stage's state cannot be packed.
+
+        Observations may hold functions, so their scans stand in for them.
+        """
+
+        def packed() -> FoldSnapshot:
+            waiting = tuple(WaitingSnapshot(w.scan, pack(w.before)) for w in carried.waiting)
+            return FoldSnapshot(self._stage.key, tick, packed_state(carried.state), waiting=waiting)
+
+        return kept_snapshot(self._call, self._stage, packed)
 
     def restored(self, kept: FoldSnapshot) -> Sighted:
         """Return the state that ``kept`` holds; the timeline must have been restored."""

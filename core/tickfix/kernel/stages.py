@@ -6,13 +6,16 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from tickfix.api.errors import PluginError
 from tickfix.api.packing import pack, unpack, values_within
 from tickfix.api.values import Belief, Component, Motion, Observation, Report
+from tickfix.kernel.snapshot import FoldSnapshot
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +78,7 @@ class Caller:
 
     Args:
         on_failure: told of each failure.
-        on_call: told of each stage before it is called.
+        on_call: told of each stage before it is called, and None when it has come back.
         strict: raise instead, for tests.
         repack: pack and unpack every state that a stage returns: slow, and finds states that do not survive it.
     """
@@ -84,7 +87,7 @@ class Caller:
         self,
         on_failure: Callable[[Failure], None],
         *,
-        on_call: Callable[[Stage], None] | None = None,
+        on_call: Callable[[Stage | None], None] | None = None,
         strict: bool = False,
         repack: bool = False,
     ) -> None:
@@ -96,22 +99,33 @@ class Caller:
 
     def __call__(self, stage: Stage, check: Callable[[Any], Any], call: Callable[..., Any], *args: Any) -> Any:
         """Return what ``call(*args)`` returned, checked by ``check``; or the :class:`Failure`."""
-        self.announce(stage)
+        self._tell(stage)
         try:
             return check(call(*args))
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # a stage that calls sys.exit() must not end the others
+            failure = Failure(stage.label, type(error).__name__, _said(error))
             if self._strict:
                 raise PluginError(
-                    stage.label, f"{type(error).__name__}: {error}", "See the traceback above."
+                    stage.label, f"{failure.what}: {failure.detail}", "See the traceback above."
                 ) from error
-            failure = Failure(stage.label, type(error).__name__, str(error))
             self._on_failure(failure)
             return failure
+        finally:
+            self._tell(None)
 
-    def announce(self, stage: Stage) -> None:
-        """Say that a stage is about to be called."""
-        if self._on_call is not None:
-            self._on_call(stage)
+    def attempt(self, stage: Stage, call: Callable[[], T]) -> T | None:
+        """Return what ``call()`` returned; None where it failed, of which nobody is told: it will be done otherwise."""
+        self._tell(stage)
+        try:
+            return call()
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # noqa: BLE001 - as above
+            return None
+        finally:
+            self._tell(None)
 
     def state(self, stage: Stage, state: Any) -> Any:
         """Check a state: no NaN in it, of the type the algorithm declares."""
@@ -122,10 +136,27 @@ class Caller:
             raise FloatingPointError("returned a state with NaN in it")
         return unpack(pack(state), declared) if self._repack else state
 
+    def _tell(self, stage: Stage | None) -> None:
+        if self._on_call is not None:
+            self._on_call(stage)
+
+
+def _said(error: BaseException) -> str:
+    try:
+        return str(error)
+    except Exception:  # noqa: BLE001 - even its words may be a stage's code
+        return "an error without words"
+
 
 def packed_state(state: Any) -> bytes | None:
     """Return the bytes of a stage's state, None for one that has not begun."""
     return None if state is None else pack(state)
+
+
+def kept_snapshot(call: Caller, stage: Stage, snapshot: Callable[[], FoldSnapshot]) -> FoldSnapshot | None:
+    """Return a fold's snapshot; None, and a failure of the stage, where its state cannot be packed."""
+    kept = call(stage, lambda made: made, snapshot)
+    return kept if isinstance(kept, FoldSnapshot) else None
 
 
 def unpacked_state(packed: bytes | None, stage: Stage) -> Any:
@@ -156,6 +187,9 @@ def checked_observation(observation: Any) -> Observation:
         raise TypeError(f"returned {type(observation).__name__}, expected (state, Observation)")
     fix = observation.fix
     if fix is not None:
+        if not isinstance(fix.t_ns, int | np.integer):
+            raise TypeError(f"returned a fix with t_ns of type {type(fix.t_ns).__name__}, expected int")
+        _check_floor(fix.floor)
         if not (np.isfinite(fix.xy).all() and np.isfinite(fix.covariance).all()):
             raise FloatingPointError("returned a fix that is not finite")
         (a, b), (c, d) = fix.covariance.tolist()
@@ -168,6 +202,13 @@ def checked_report(report: Any) -> Report:
     """Return ``report`` if it is one; numbers that are not finite are left out of it."""
     if not isinstance(report, Report):
         raise TypeError(f"returned {type(report).__name__}, expected (state, Report)")
+    if not isinstance(report.reasons, tuple) or not all(isinstance(reason, str) for reason in report.reasons):
+        raise TypeError("returned a Report with reasons that are no tuple of strings")
+    if sum(map(len, report.reasons)) > _REASONS_CHARS or len(report.reasons) > _REASONS:
+        raise ValueError(f"returned a Report with over {_REASONS} reasons, or {_REASONS_CHARS} characters of them")
+    for name, kinds in _REPORT_TYPES.items():
+        if not isinstance(getattr(report, name), kinds):
+            raise TypeError(f"returned a Report with {name} of type {type(getattr(report, name)).__name__}")
     changes: dict[str, Any] = {
         name: None
         for name in ("innovation_m", "gate")
@@ -180,9 +221,13 @@ def checked_belief(belief: Any) -> Belief:
     """Return ``belief`` if it is one, finite, with covariances that are."""
     if not isinstance(belief, Belief):
         raise TypeError(f"estimate returned {type(belief).__name__}, expected Belief")
+    if len(belief.mixture) > _COMPONENTS or len(belief.floor_probabilities) > _COMPONENTS:
+        raise ValueError(f"estimate returned a mixture or floors of over {_COMPONENTS} parts")
     _check_gaussian(belief)
     for component in belief.mixture:
         _check_gaussian(component)
+    for floor, _ in belief.floor_probabilities:
+        _check_floor(floor)
     numbers = [p for _, p in belief.floor_probabilities] + [c.weight for c in belief.mixture]
     numbers += [n for n in (belief.speed_mps, belief.heading_rad) if n is not None]
     if not all(map(math.isfinite, numbers)):
@@ -190,7 +235,13 @@ def checked_belief(belief: Any) -> Belief:
     return belief
 
 
+def _check_floor(floor: Any) -> None:
+    if not isinstance(floor, str):
+        raise TypeError(f"returned a floor of type {type(floor).__name__}, expected its name")
+
+
 def _check_gaussian(gaussian: Belief | Component) -> None:
+    _check_floor(gaussian.floor)
     (x, y), ((a, b), (c, d)) = gaussian.xy.tolist(), gaussian.covariance.tolist()
     if not all(map(math.isfinite, (x, y, a, b, c, d))):
         raise FloatingPointError("estimate returned a belief that is not finite")
@@ -220,4 +271,8 @@ def has_nan(state: Any) -> bool:
     return False
 
 
+_REASONS: Final = 64
+_REASONS_CHARS: Final = 4_096
+_COMPONENTS: Final = 1_024
+_REPORT_TYPES: Final = {"used": int | np.integer, "gated": int | np.integer, "lost": bool | np.bool_}
 _MOTION_NUMBERS: Final = tuple(f.name for f in dataclasses.fields(Motion) if f.name not in ("steps", "stationary"))

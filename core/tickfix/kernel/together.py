@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias, TypeVar
 
+from tickfix.api.algorithms import FilterOfMany
 from tickfix.api.values import Belief, Motion, Observation, Report
 from tickfix.kernel.stages import Caller, Failure, Stage, checked_belief, checked_report
 
@@ -100,17 +101,15 @@ def seen(stage: Stage, state: Any, report: Report, call: Caller) -> Answer:
 def step_all(batch: Sequence[Asked], call: Caller) -> list[Answer]:
     """Compute steps of one stage, on different devices: at once where its filter can."""
     stage = batch[0].stage
+    answers = None
     if len(batch) > 1 and hasattr(stage.algorithm, "step_many"):
-        try:
-            return _at_once(batch, stage, call)
-        except Exception:  # noqa: BLE001, S110 - one by one it is known whose step it was, and only that one fails
-            pass
-    return [step(asked, call) for asked in batch]
+        answers = call.attempt(stage, lambda: _at_once(batch, stage, call))
+    # One by one it shows whose step it was, and only that one fails.
+    return [step(asked, call) for asked in batch] if answers is None else answers
 
 
 def _at_once(batch: Sequence[Asked], stage: Stage, call: Caller) -> list[Answer]:
-    algorithm = stage.algorithm
-    call.announce(stage)
+    algorithm: FilterOfMany = stage.algorithm
     stepped = algorithm.step_many(
         [asked.state for asked in batch],
         [asked.motion for asked in batch],

@@ -13,7 +13,7 @@ from tickfix.kernel.moving import Moved
 from tickfix.kernel.observing import Observed
 from tickfix.kernel.randomness import Streams
 from tickfix.kernel.snapshot import FoldSnapshot
-from tickfix.kernel.stages import Caller, Failure, Pipeline, packed_state, unpacked_state
+from tickfix.kernel.stages import Caller, Failure, Pipeline, kept_snapshot, packed_state, unpacked_state
 from tickfix.kernel.together import Answer, Asked, Asking, seen
 
 COASTING_NS: Final = 10_000_000_000
@@ -95,16 +95,20 @@ class Tracker:
         )
         return carried, self._estimate(carried, tick, report, failures)
 
-    def snapshot(self, tick: int, carried: Carried) -> FoldSnapshot:
-        """Return the checkpoint after ``tick`` as a value."""
-        return FoldSnapshot(
-            key=self.key,
-            tick=tick,
-            state=packed_state(carried.state),
-            belief=carried.belief,
-            motion_ns=carried.motion_ns,
-            used_ns=carried.used_ns,
-        )
+    def snapshot(self, tick: int, carried: Carried) -> FoldSnapshot | None:
+        """Return the checkpoint after ``tick`` as a value, None where the filter's state cannot be packed."""
+
+        def packed() -> FoldSnapshot:
+            return FoldSnapshot(
+                key=self.key,
+                tick=tick,
+                state=packed_state(carried.state),
+                belief=carried.belief,
+                motion_ns=carried.motion_ns,
+                used_ns=carried.used_ns,
+            )
+
+        return kept_snapshot(self._call, self._stage, packed)
 
     def restored(self, kept: FoldSnapshot) -> Carried:
         """Return the state that ``kept`` holds."""

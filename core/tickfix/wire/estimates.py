@@ -174,7 +174,7 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
         "motion_age_ns": _int(estimate.motion_age_ns),
         "observation_age_ns": _int(estimate.observation_age_ns),
         "pipeline": estimate.pipeline,
-        "reasons": estimate.reasons,
+        "reasons": [str(reason) for reason in estimate.reasons],
         "revision": int(estimate.revision),
         "status": str(estimate.status),
         "t_ns": int(estimate.t_ns),
@@ -187,13 +187,13 @@ def _fields(estimate: Estimate) -> dict[str, Any]:
 def _belief_fields(belief: Belief) -> dict[str, Any]:
     return {
         "covariance": belief.covariance.tolist(),
-        "floor": belief.floor,
-        "floor_probabilities": [(floor, float(p)) for floor, p in belief.floor_probabilities],
+        "floor": str(belief.floor),
+        "floor_probabilities": [(str(floor), float(p)) for floor, p in belief.floor_probabilities],
         "heading_rad": _float(belief.heading_rad),
         "mixture": [
             {
                 "covariance": one.covariance.tolist(),
-                "floor": one.floor,
+                "floor": str(one.floor),
                 "weight": float(one.weight),
                 "xy": one.xy.tolist(),
             }

@@ -10,7 +10,18 @@ from lab import fold, numbered
 from streams import MS, SETTINGS, T0, S, published, run, sample, scan, settled, ticks, walk
 from toys import Chain, ToyFingerprint, ToyPdr, toy_pipeline
 
-from tickfix.api import LATEST_NS, TICK_NS, Fix, PluginError, Pressure, Scan, Status, Truth, Window, motion_samples
+from tickfix.api import (
+    LATEST_NS,
+    TICK_NS,
+    Fix,
+    PluginError,
+    Pressure,
+    Scan,
+    Status,
+    Truth,
+    Window,
+    motion_samples,
+)
 from tickfix.kernel import Failure, Kernel, Outcome, Stage
 
 

@@ -41,9 +41,10 @@ class Beacon:
             self._places, text = {}, b"[]"
         self._memory[_NAMES : _NAMES + len(text) + 1] = text + b"\0"
 
-    def calling(self, stage: Stage) -> None:
-        """Leave a sign that ``stage`` is called now."""
-        _HEAD.pack_into(self._memory, 0, time.monotonic_ns(), self._places.get(stage.key, -1))
+    def calling(self, stage: Stage | None) -> None:
+        """Leave a sign that ``stage`` is called now; None means that it has come back."""
+        place = -1 if stage is None else self._places.get(stage.key, -1)
+        _HEAD.pack_into(self._memory, 0, time.monotonic_ns(), place)
 
     @property
     def silence_s(self) -> float:

@@ -78,9 +78,9 @@ class Replica:
         pipelines: Sequence[Pipeline],
         settings: KernelSettings,
         *,
-        on_call: Callable[[Stage], None] | None = None,
+        on_call: Callable[[Stage | None], None] | None = None,
     ) -> None:
-        """Begin with nothing; ``on_call`` is told of every stage before it is called."""
+        """Begin with nothing; ``on_call`` is told of every stage before it is called, and None after."""
         self.kernel = Kernel(pipelines, settings, on_call=on_call)
         self._waiting: dict[int, Scan] = {}
         self.primary = ""
