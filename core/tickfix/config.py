@@ -321,9 +321,16 @@ def _params(where: str, cls: type[Any], given: Mapping[str, Any]) -> Any:
 
 def _convert(where: str, value: Any, kind: type[Any]) -> Any:
     try:
-        return msgspec.convert(value, kind)
+        return msgspec.convert(value, kind, dec_hook=_path)
     except msgspec.ValidationError as error:
         raise ConfigError(where, repr(value), _type_words(kind)) from error
+
+
+def _path(kind: type[Any], value: Any) -> Path:
+    """Convert what msgspec knows nothing of: paths are texts."""
+    if kind is not Path or not isinstance(value, str):
+        raise msgspec.ValidationError
+    return Path(value)
 
 
 def _check_keys(where: str, owner: str, table: Mapping[str, Any], known: Iterable[str]) -> None:

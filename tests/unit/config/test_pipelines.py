@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import pytest
@@ -188,3 +189,17 @@ def test_only_keeps_the_order_of_the_file_and_knows_the_names() -> None:
 def test_a_file_that_is_not_there_is_an_error_of_the_configuration(tmp_path: Any) -> None:
     with pytest.raises(ConfigError, match=r"none.toml: found no readable file"):
         load(tmp_path / "none.toml", REGISTRY)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Settings with a path."""
+
+    keys: Path | None = None
+
+
+def test_a_section_takes_a_path_as_text_and_names_what_is_none() -> None:
+    text = '[pipelines.a]\nfingerprint = "near"\nfilter = "last"\n[ports]\nkeys = '
+    assert read(f'{text}"a/b"').section("ports", Places) == Places(Path("a/b"))
+    with pytest.raises(ConfigError, match=r"ports.keys: found 3; expected Path or nothing"):
+        read(f"{text}3").section("ports", Places)
