@@ -190,6 +190,30 @@ def believing(change: Callable[[Any], Any]) -> type[Any]:
     return changed(Good, estimate=lambda self, state: change(Good.estimate(self, state)))
 
 
+def many(
+    change: Callable[[list[Any]], list[Any]] = list, believed: Callable[[Any, Any], Any] | None = None
+) -> type[Any]:
+    """Return the good filter for many devices, with a change to what it returns or to what it believes of each."""
+
+    def step_many(self: Any, states: Any, motions: Any, observations: Any, rngs: Any) -> list[Any]:
+        return change([self.step(*each) for each in zip(states, motions, observations, rngs, strict=True)])
+
+    def estimate_many(self: Any, states: Any) -> list[Any]:
+        beliefs = [self.estimate(state) for state in states]
+        return beliefs if believed is None else [believed(belief, states) for belief in beliefs]
+
+    return changed(Good, step_many=step_many, estimate_many=estimate_many)
+
+
+def test_a_good_filter_for_many_devices_passes_too() -> None:
+    assert failing(FilterContract, many()) == {}
+
+
+def _swayed(stepped: list[Any]) -> list[Any]:
+    """Let each device be moved by a rounding that depends on how many there are."""
+    return [(replace(state, xy=state.xy + len(stepped) * 1e-15), report) for state, report in stepped]
+
+
 def _write(_: Any, moved: Any, state: Any, rng: Any) -> Any:
     state.xy.flags.writeable = True
     state.xy[:] = moved.xy
@@ -307,6 +331,24 @@ BROKEN_FILTERS: dict[str, tuple[type[Any], str, str]] = {
         believing(lambda b: replace(b, xy=b.xy * np.inf)),
         "their_covariances_are_covariances",
         "not finite",
+    ),
+    "one of two methods for many": (
+        changed(Good, estimate_many=lambda self, states: []),
+        "many_devices_at_once",
+        "estimate_many alone",
+    ),
+    "devices that sway each other": (many(_swayed), "many_devices_at_once", "another state of device .*: xy differs"),
+    "devices in the wrong order": (many(lambda stepped: stepped[::-1]), "many_devices_at_once", "at once, at tick 1"),
+    "devices left out": (many(lambda stepped: stepped[:1]), "many_devices_at_once", "of 7 devices returned 1 results"),
+    "devices reported otherwise": (
+        many(lambda stepped: [(state, Report()) for state, _ in stepped]),
+        "many_devices_at_once",
+        "another report of device .*: used differs",
+    ),
+    "devices believed otherwise": (
+        many(believed=lambda belief, states: replace(belief, speed_mps=float(len(states)))),
+        "many_devices_at_once",
+        "another belief of device .*: speed_mps differs",
     ),
     "goes astray": (
         predicting(lambda self, moved, state, rng: replace(moved, xy=moved.xy + 0.5)),

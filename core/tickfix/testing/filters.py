@@ -28,6 +28,7 @@ from tickfix.api import (
 from tickfix.kernel import Kernel, KernelSettings, Pipeline, Stage
 from tickfix.testing import world
 from tickfix.testing.contract import ContractError, StateContract, pure, require, told
+from tickfix.testing.together import check_many
 from tickfix.testing.world import Tick
 
 
@@ -260,12 +261,7 @@ class FilterContract(StateContract):
 
     def test_it_walks_in_a_building_with_walls(self) -> None:
         """With maps in its context it must work as well; whether it uses them is its own affair."""
-        site = world.context(maps=world.plain_maps())
-        few = {"particles": 50} if "particles" in {f.name for f in dataclasses.fields(self.algorithm.Params)} else {}
-        with told("building with maps"):
-            params = self.algorithm.Params(**{**self.params, **few})
-            algorithm = self.algorithm(params, site, self.trained)
-        for _, belief, tick in self._fold(world.walk(60), algorithm):
+        for _, belief, tick in self._fold(world.walk(60), self._few_in_a_building()):
             self._check_belief(belief, f"with maps, after tick {tick.number}")
 
     def test_reports_count_each_observation_at_most_once(self) -> None:
@@ -276,6 +272,15 @@ class FilterContract(StateContract):
             found = f"{report.used} used and {report.gated} gated of {len(tick.observations)} observations"
             right = report.used >= 0 and report.gated >= 0 and report.used + report.gated <= len(tick.observations)
             require(right, f"step reported {found}")
+
+    def test_many_devices_at_once_are_each_as_if_alone(self) -> None:
+        """Asked only of a filter that offers ``step_many``: whoever is asked for with whom changes no bits."""
+        offered = [name for name in ("step_many", "estimate_many") if hasattr(self.algorithm, name)]
+        if not offered:
+            return
+        require(len(offered) == 2, f"the class has {offered[0]} alone. Write both step_many and estimate_many")
+        check_many(self.make(), ticks=40)
+        check_many(self._few_in_a_building(), ticks=12)
 
     def test_the_kernel_settles_the_same_track_when_fixes_come_late(self) -> None:
         """The whole of it in the real kernel, every state packed and unpacked, every failure raised."""
@@ -297,6 +302,13 @@ class FilterContract(StateContract):
             tracks.append([e.belief.xy.tobytes() if e.belief is not None else b"" for e in settled])
         require(any(tracks[0]), "the kernel's track has no belief at all, though there were fixes")
         require(tracks[0] == tracks[1], "late fixes settled to another track: step depends on more than its arguments")
+
+    def _few_in_a_building(self) -> Any:
+        """Build the algorithm with maps, which are slow here, and few particles if it has any."""
+        few = {"particles": 50} if "particles" in {f.name for f in dataclasses.fields(self.algorithm.Params)} else {}
+        with told("building with maps"):
+            params = self.algorithm.Params(**{**self.params, **few})
+            return self.algorithm(params, world.context(maps=world.plain_maps()), self.trained)
 
     def _pipeline(self) -> Pipeline:
         kind, name = self.algorithm.kind, self.algorithm.name

@@ -43,6 +43,7 @@ from tickfix_filters.fusion_belief import beliefs, mean_xy
 from tickfix_filters.fusion_motion import bias_prior, biases, heading_rad, walked
 from tickfix_filters.fusion_params import JIANG2015, FusionPfParams
 from tickfix_filters.fusion_state import Particles, Unseen, batches
+from tickfix_filters.fusion_walls import around, toll
 from tickfix_filters.noise import sigma_m
 from tickfix_filters.resampling import effective_number, normalised, systematic
 
@@ -50,7 +51,6 @@ _LOST: Final = 4.0  # surprise above which a belief is in doubt: twice σ per ax
 _LEARN: Final = 0.5
 _LEARN_ASTRAY: Final = 0.3  # a running mean over about as many scans as errors of fixes stay alike
 _FAR: Final = 2.0  # in it, a fix counts as no further off than twice what is astray: a single one proves nothing
-_TRIES: Final = 8  # places drawn for each particle, to find one where it can stand
 
 
 class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
@@ -85,7 +85,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
     def begin(self, fix: Fix, rng: Rng) -> Particles:
         """Scatter the particles around the fix; their biases come with the first motion."""
         n = self.params.particles
-        xy = self._around(fix, n, rng)
+        xy = around(fix, n, self.context.maps.get(fix.floor), self.params, rng)
         error = (fix.xy - xy) / sigma_m(fix)
         return Particles(OnFloor(fix.floor), xy, np.zeros(n), np.zeros(n), error, np.zeros(n), fix.t_ns, np.zeros(2))
 
@@ -155,7 +155,8 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             np.stack([getattr(state, name) for state in states]) for name in ("xy", "bias_rad", "scale", "log_weights")
         )
         xy, bias = walked(before, bias, scale, headings, motions, rngs, self.params)
-        log_weights += self._toll([state.on.floor for state in states], before, xy, [m.steps for m in motions])
+        floors = [state.on.floor for state in states]
+        log_weights += toll(before, xy, floors, motions, self.context.maps, self.params)
         weights = normalised(log_weights)
         moved = []
         for d, (state, motion) in enumerate(zip(states, motions, strict=True)):
@@ -197,31 +198,6 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         weighed = replace(state, log_weights=log_weights, unseen=before.unseen.after(motion))
         return self._resampled(weighed, rng), report
 
-    def _around(self, fix: Fix, n: int, rng: Rng) -> Floats:
-        """Draw n places around the fix, those preferred where one can stand."""
-        floor_map = self.context.maps.get(fix.floor)
-        drawn = n if floor_map is None else _TRIES * n
-        xy = fix.xy + min(sigma_m(fix), self.params.scatter_m) * rng.standard_normal((drawn, 2))
-        if floor_map is None:
-            return xy
-        free = xy[floor_map.contains(xy)]
-        return free[np.arange(n) % len(free)] if len(free) else floor_map.nearest_free(xy[:n])
-
-    def _toll(self, floors: Sequence[str], before: Floats, xy: Floats, steps: Sequence[int]) -> Floats:
-        """Return the logarithm (D, N) of the weight that the maps leave to each particle that walked there."""
-        toll = np.zeros(xy.shape[:2])
-        for floor in set(floors) & set(self.context.maps):
-            floor_map = self.context.maps[floor]
-            here = np.flatnonzero([each == floor for each in floors])
-            crossed = floor_map.crosses(before[here].reshape(-1, 2), xy[here].reshape(-1, 2))
-            toll[here] = math.log(self.params.crossing_weight) * crossed.reshape(len(here), -1)
-            stepped = [d for d in here.tolist() if steps[d]]
-            if stepped:
-                outside = ~floor_map.contains(xy[stepped].reshape(-1, 2)).reshape(len(stepped), -1)
-                taken = np.array([steps[d] for d in stepped])[:, None]
-                toll[stepped] += taken * math.log(self.params.outside_weight) * outside
-        return toll
-
     def _renewed(self, state: Particles, fix: Fix, rng: Rng) -> Particles:
         """Let a random few begin anew at the fix, each with the weight of an average particle."""
         sigma = sigma_m(fix)
@@ -235,7 +211,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         average = highest + math.log(float(np.exp(state.log_weights - highest).mean()))
         xy, error, log_weights = state.xy.copy(), state.error.copy(), state.log_weights.copy()
         bias, scale = state.bias_rad.copy(), state.scale.copy()
-        xy[those] = self._around(fix, n, rng)
+        xy[those] = around(fix, n, self.context.maps.get(fix.floor), self.params, rng)
         error[those] = (fix.xy - xy[those]) / sigma
         bias[those], scale[those] = biases(state.motion, n, rng)
         log_weights[those] = average
