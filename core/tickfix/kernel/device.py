@@ -25,11 +25,18 @@ class Standing:
         epoch: of its clock.
         newest_ns: its newest measurement that is believed, on its clock.
         next_tick: the first tick that is not closed, None before there is one.
+        passed: the newest tick that the data has passed; while it is not closed, more is due.
     """
 
     epoch: int
     newest_ns: int | None
     next_tick: int | None
+    passed: int | None = None
+
+    @property
+    def behind(self) -> int:
+        """How many ticks the data has passed that are not closed."""
+        return 0 if self.passed is None or self.next_tick is None else max(0, self.passed + 1 - self.next_tick)
 
 
 class Device:
@@ -69,19 +76,25 @@ class Device:
         """
         inserted = self._epoch.timeline.insert(event, overtaken=overtaken)
         anew: list[Item] = inserted.anew
-        while anew:
+        if anew:
             # The clock started anew: what the old one showed is over, and its last ticks are published.
             alone(self._epoch.finish(self._pending), self._call)
             self._number += 1
             self._epoch = self._begin(None)
-            anew = self._epoch.timeline.insert_items(anew)
+            # Once for a message: else one that leaps to and fro could begin a thousand epochs.
+            self._counts["dropped"] += len(self._epoch.timeline.insert_items(anew))
         return inserted.outcome
 
-    def run(self, tick: int | None = None) -> Asking[Output]:
-        """Fold what is due: ticks that the data has passed, or up to ``tick`` where the driver closes it."""
+    def run(self, tick: int | None = None, most: int | None = None) -> Asking[Output]:
+        """Fold what is due: ticks that the data has passed, or up to ``tick`` where the driver closes it.
+
+        At most ``most`` ticks are closed, where that is told.
+        """
         due = max((k for k in (self._epoch.timeline.passed, tick) if k is not None), default=None)
-        if due is not None and self._epoch.published is not None:
-            due = max(due, self._epoch.published)
+        next_tick = self.standing.next_tick
+        if due is not None and next_tick is not None:
+            due = max(due, next_tick - 1)
+            due = due if most is None else min(due, next_tick - 1 + most)
         output, self._pending = self._pending, Output()
         yield from self._epoch.run(due, output)
         return output
@@ -101,7 +114,7 @@ class Device:
         """How far it has come."""
         epoch = self._epoch
         next_tick = epoch.timeline.first if epoch.published is None else epoch.published + 1
-        return Standing(self._number, epoch.timeline.newest_ns, next_tick)
+        return Standing(self._number, epoch.timeline.newest_ns, next_tick, epoch.timeline.passed)
 
     @property
     def reached(self) -> tuple[int, int | None]:

@@ -94,21 +94,30 @@ class Kernel:
         known = self._devices.get(device)
         return None if known is None else known.standing
 
-    def run(self, device: str, tick: int | None = None) -> Output:
-        """Fold what is due for a device; ``tick`` closes ticks up to it whether or not the data has passed them."""
-        return self.run_many([(device, tick)])[0]
+    def run(self, device: str, tick: int | None = None, most: int | None = None) -> Output:
+        """Fold what is due for a device; ``tick`` closes ticks up to it whether or not the data has passed them.
 
-    def run_many(self, runs: Sequence[tuple[str, int | None]]) -> list[Output]:
+        At most ``most`` ticks are closed, if that is told; its :class:`Standing` says whether more are due.
+        """
+        return self.run_many([(device, tick)], most)[0]
+
+    def run_many(self, runs: Sequence[tuple[str, int | None]], most: int | None = None) -> list[Output]:
         """Run several devices, each named once: the same to the bit as one after the other, and cheaper.
 
         Filters that can step many devices at once do.
         """
         known = [(n, device, tick) for n, (device, tick) in enumerate(runs) if device in self._devices]
         outputs = [Output() for _ in runs]
-        done = together([self._devices[device].run(tick) for _, device, tick in known], self._call)
+        done = together([self._devices[device].run(tick, most) for _, device, tick in known], self._call)
         for (n, _, _), output in zip(known, done, strict=True):
             outputs[n] = output
         return outputs
+
+    def abandon(self, device: str) -> None:
+        """Forget a device that cannot be folded any more, and say nothing; should it come back, it begins anew."""
+        known = self._devices.pop(device, None)
+        if known is not None:
+            self._retire(device, known.number)
 
     def finish(self, device: str) -> Output:
         """Nothing more is expected from this device: fold and settle everything, and forget its past.
@@ -119,14 +128,7 @@ class Kernel:
         known = self._devices.pop(device, None)
         if known is None:
             return Output()
-        self._retired[device] = known.number + 1
-        sessions = self._numbers.get(device, {})
-        for session in list(sessions)[:-_SESSIONS_OF_RETIRED]:
-            del sessions[session]
-        while len(self._retired) > _RETIRED:
-            oldest = next(iter(self._retired))
-            del self._retired[oldest]
-            self._numbers.pop(oldest, None)
+        self._retire(device, known.number)
         return alone(known.finish(), self._call)
 
     def questions(self, scan: Scan) -> list[Question]:
@@ -211,6 +213,16 @@ class Kernel:
         if device.reached != before and event.seq <= numbers.highest:
             numbers.reached = max(numbers.reached, event.seq)
         return outcome
+
+    def _retire(self, device: str, number: int) -> None:
+        self._retired[device] = number + 1
+        sessions = self._numbers.get(device, {})
+        for session in list(sessions)[:-_SESSIONS_OF_RETIRED]:
+            del sessions[session]
+        while len(self._retired) > _RETIRED:
+            oldest = next(iter(self._retired))
+            del self._retired[oldest]
+            self._numbers.pop(oldest, None)
 
     def _begin(self, device: str, number: int) -> Device:
         return Device(

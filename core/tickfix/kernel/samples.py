@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
 from tickfix.api.arrays import Floats, Ints
 from tickfix.api.events import TICK_NS, Samples
 from tickfix.kernel.measurements import Row, rows_of
+
+_MOST: Final = 512
+"""Samples of a sensor within a tick: 2560 Hz."""
 
 
 def tick_of(t_ns: int) -> int:
@@ -43,17 +47,24 @@ def _known_to_fit(t_ns: Ints, values: Floats) -> Samples:
 class TickSamples:
     """Samples of one sensor, (n,) instants and (n, c) rows; of two rows at an instant the smaller one stands.
 
+    Of more instants than any sensor has in 200 ms the first 512 stand, in whatever order they come.
+
     What comes in order is kept in the arrays that brought it. What does not turns them into a mapping, which takes
     anything and is put in order when it is read.
+
+    Attributes:
+        crowded: samples left out, since this was last taken.
     """
 
-    __slots__ = ("_last_ns", "_loose", "_pieces")
+    __slots__ = ("_last_ns", "_loose", "_n", "_pieces", "crowded")
 
     def __init__(self) -> None:
         """Begin empty."""
         self._pieces: list[tuple[Ints, Floats]] = []
         self._last_ns = -1
+        self._n = 0
         self._loose: dict[int, Row] | None = None
+        self.crowded = 0
 
     def extend(self, t_ns: Ints, rows: Floats) -> tuple[int, bool]:
         """Take samples in, in increasing time; return how many instants are new, and whether anything changed.
@@ -63,9 +74,13 @@ class TickSamples:
             rows: (n, c), finite, without negative zeros; kept.
         """
         if self._loose is None and t_ns[0] > self._last_ns:
-            self._pieces.append((t_ns, rows))
+            room = max(0, _MOST - self._n)
+            self.crowded += max(0, len(t_ns) - room)
+            if room:
+                self._pieces.append((t_ns[:room], rows[:room]))
+                self._n += len(self._pieces[-1][0])
             self._last_ns = int(t_ns[-1])
-            return len(t_ns), True
+            return len(t_ns), room > 0
         found = [self.put(t, row) for t, row in zip(t_ns.tolist(), rows_of(rows), strict=True)]
         return sum(new for new, _ in found), any(changed for _, changed in found)
 
@@ -78,12 +93,20 @@ class TickSamples:
         changed = present is None or row < present
         if changed:
             self._loose[t_ns] = row
+        if len(self._loose) > 2 * _MOST:  # seldom, so that one more sample costs little
+            self.crowded += len(self._loose) - _MOST
+            self._loose = dict(sorted(self._loose.items())[:_MOST])
         return present is None, changed
+
+    def take_crowded(self) -> int:
+        """Return how many samples were left out since this was last asked."""
+        crowded, self.crowded = self.crowded, 0
+        return crowded
 
     def ordered(self) -> Samples:
         """Return what is there, in increasing time."""
         if self._loose is not None:
-            ordered = sorted(self._loose.items())
+            ordered = sorted(self._loose.items())[:_MOST]
             return Samples(np.array([t for t, _ in ordered], np.int64), np.array([row for _, row in ordered]))
         if len(self._pieces) == 1:
             t_ns, values = self._pieces[0]

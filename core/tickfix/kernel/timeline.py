@@ -25,12 +25,15 @@ from tickfix.kernel.snapshot import StreamSnapshot, TimelineSnapshot
 from tickfix.kernel.windows import RecentScans
 
 _ACTIVE_NS: Final = 1_000_000_000
+_CROWD: Final = 64
+FURTHEST_NS: Final = 600_000_000_000
+"""One message takes a device's clock no further, so that folding what it makes due stays bounded."""
 _MOTION: Final = frozenset(SENSORS) - {"pressure"}
 
 
 @dataclass(slots=True)
 class Interval:
-    """What was measured within one tick."""
+    """What was measured within one tick: of scans and of fixes the first 64 in their order."""
 
     samples: dict[str, TickSamples] = field(default_factory=dict)
     scans: list[Scan] = field(default_factory=list)
@@ -94,8 +97,17 @@ class Timeline:
         return Insertion(self._outcome(before), anew)
 
     def insert_items(self, items: list[Item], *, overtaken: bool = False) -> list[Item]:
-        """Insert measurements in the order given; return those that begin a new epoch, with all that follow them."""
+        """Insert measurements in the order given; return those that begin a new epoch, with all that follow them.
+
+        The clock goes on by ten minutes at most, however many there are; what comes after that is dropped.
+        """
+        since_ns = self._clock.latest_ns
         for n, item in enumerate(items):
+            latest_ns = self._clock.latest_ns
+            since_ns = latest_ns if since_ns is None else since_ns
+            if latest_ns is not None and since_ns is not None and latest_ns - since_ns > FURTHEST_NS:
+                self._counts["dropped"] += len(items) - n
+                return []
             verdict = self._clock.judge(item.t_ns, item.stream, self._limit_ns)
             if verdict is Verdict.FOLLOW:
                 self._insert(item)
@@ -114,8 +126,9 @@ class Timeline:
 
     def finish(self) -> None:
         """Nothing more will come: insert what is held within reach of this epoch, drop the rest."""
+        latest_ns = self._clock.latest_ns
         for held in self._clock.remaining():
-            latest_ns = self._clock.latest_ns
+            # Within a minute of what is known now: each of them within a minute of the one before would lead anywhere.
             if held.ahead and latest_ns is not None and held.t_ns <= latest_ns + LEAP_NS:
                 self._insert_held([held])
             else:
@@ -279,7 +292,10 @@ class Timeline:
         """Insert samples of one sensor in increasing time, as inserting one by one would."""
         times = t_ns.tolist()
         for tick, begin, end in by_tick(times):
-            n_new, changed = self._samples(tick, stream).extend(t_ns[begin:end], rows[begin:end])
+            samples = self._samples(tick, stream)
+            n_new, changed = samples.extend(t_ns[begin:end], rows[begin:end])
+            if samples.crowded:
+                self._counts["crowded"] += samples.take_crowded()
             if changed and (self.changes.motion is None or tick < self.changes.motion):
                 self.changes.motion = tick
             self._count(n_new, end - begin, tick)
@@ -313,7 +329,10 @@ class Timeline:
         elif isinstance(item.content, Fix):
             is_new = self._insert_fix(self._interval(tick), item.content, tick)
         else:
-            is_new, changed = self._samples(tick, item.stream).put(item.t_ns, item.content)
+            samples = self._samples(tick, item.stream)
+            is_new, changed = samples.put(item.t_ns, item.content)
+            if samples.crowded:
+                self._counts["crowded"] += samples.take_crowded()
             if changed:
                 self.changes.motion = tick if self.changes.motion is None else min(tick, self.changes.motion)
         self._count(int(is_new), 1, tick)
@@ -324,6 +343,9 @@ class Timeline:
             return False
         insort(interval.scans, scan, key=scan_order)
         self._scans.add(scan)
+        if len(interval.scans) > _CROWD:
+            self._scans.leave_out(interval.scans.pop())
+            self._counts["crowded"] += 1
         self.changes.scans = tick if self.changes.scans is None else min(tick, self.changes.scans)
         return True
 
@@ -332,5 +354,8 @@ class Timeline:
         if any(fix_order(present) == order for present in interval.fixes):
             return False
         insort(interval.fixes, fix, key=fix_order)
+        if len(interval.fixes) > _CROWD:
+            interval.fixes.pop()
+            self._counts["crowded"] += 1
         self.changes.fixes = tick if self.changes.fixes is None else min(tick, self.changes.fixes)
         return True

@@ -26,6 +26,10 @@ class RecentScans:
         """Take a scan in; it must not be there yet."""
         insort(self._scans, scan, key=scan_order)
 
+    def leave_out(self, scan: Scan) -> None:
+        """Take a scan out again; it must be there."""
+        del self._scans[bisect_right(self._scans, scan_order(scan), key=scan_order) - 1]
+
     def with_(self, scan: Scan) -> RecentScans:
         """Return the same scans and one more, if it is not there yet."""
         if any(scan_order(present) == scan_order(scan) for present in self._scans if present.t_ns == scan.t_ns):

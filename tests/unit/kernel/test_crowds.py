@@ -1,0 +1,125 @@
+"""What no honest device sends so much of is bounded, and what is kept does not depend on the order of arrival."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from streams import SETTINGS, T0, S, run, scan, settled, walk
+from toys import toy_pipeline
+
+from tickfix.api import TICK_NS, Fix, Samples, motion_samples
+from tickfix.api.events import MotionSamples
+from tickfix.kernel import Kernel, Outcome
+from tickfix.kernel.timeline import FURTHEST_NS, Timeline
+
+TICK = T0 // TICK_NS
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(st.permutations(range(14)), st.sampled_from([1, 100, 1_400]))
+def test_of_too_many_samples_of_a_tick_the_first_stand_in_whatever_order_they_come(parts: list[int], size: int) -> None:
+    timeline = Timeline(10 * S, Counter())
+    for part in parts:
+        t_ns = T0 - TICK_NS + 1 + part * 100 + np.arange(100)
+        for begin in range(0, 100, size):
+            some = t_ns[begin : begin + size]
+            timeline.insert(motion_samples(some, gyroscope=np.outer(some % 7, np.ones(3))))
+    kept = timeline.motion(TICK).sensors["gyroscope"]
+    assert kept.t_ns.tolist() == [T0 - TICK_NS + 1 + n for n in range(512)]
+    assert kept.values[:, 0].tolist() == [float(t % 7) for t in kept.t_ns.tolist()]
+
+
+def test_samples_left_out_are_counted_and_a_tick_holds_no_more_however_many_come() -> None:
+    counts: Counter[str] = Counter()
+    timeline = Timeline(10 * S, counts)
+    for n in range(40):
+        t_ns = T0 - 1 - n * 100 - np.arange(100)
+        timeline.insert(motion_samples(t_ns, gyroscope=np.zeros((100, 3))))
+    held = timeline._intervals[TICK].samples["gyroscope"]
+    assert held._loose is not None
+    assert len(held._loose) <= 1_024
+    assert counts["accepted"] == 4_000
+    assert counts["crowded"] == 4_000 - len(held._loose)
+
+
+@settings(max_examples=2, deadline=None, derandomize=True)
+@given(st.permutations(range(90)))
+def test_of_too_many_scans_and_fixes_of_a_tick_the_first_stand_in_whatever_order_they_come(order: list[int]) -> None:
+    crowd = [
+        *(scan(0.1 + n / 1_000, f"ap {n}") for n in range(90)),
+        *(Fix(t_ns=T0 + 100_000_000 + n, floor="F", xy=np.full(2, n), device="d") for n in range(90)),
+    ]
+    first = [e for e in crowd if e.t_ns < T0 + (164_000_000 if not isinstance(e, Fix) else 100_000_064)]
+    assert len(first) == 128
+    some = [crowd[n + k] for n in order for k in (0, 90)]
+    folded = run([*walk(0, 1), *some, *walk(1, 3), scan(2.5, "x")])
+    assert folded.settled_as("d", "toy") == run([*walk(0, 1), *first, *walk(1, 3), scan(2.5, "x")]).settled_as(
+        "d", "toy"
+    )
+    assert folded.measurements["crowded"] == 2 * 26
+
+
+def test_one_message_takes_the_clock_ten_minutes_further_at_most() -> None:
+    times = T0 + 59 * S * np.arange(4_096)
+    wild = MotionSamples(sensors={"pressure": Samples(times, np.ones((4_096, 1)))}, device="d")
+    folded = run([wild])
+    assert folded.outcomes == (Outcome.ACCEPTED,)
+    n_used = FURTHEST_NS // (59 * S) + 1
+    assert settled(folded)[-1].tick == TICK + -(-59 * S * n_used // TICK_NS)
+    assert folded.measurements["dropped"] == 4_096 - n_used - 1
+    again = run([wild, replace(wild, seq=7)])
+    assert settled(again)[-1].tick > settled(folded)[-1].tick
+
+
+def test_samples_held_a_minute_after_each_other_lead_no_further_than_a_minute_when_the_device_leaves() -> None:
+    times = T0 + 59 * S * np.arange(1, 4_000)
+    wild = MotionSamples(sensors={"pressure": Samples(times, np.ones((len(times), 1)))}, device="d")
+    folded = run([*walk(0, 2), wild])
+    assert settled(folded)[-1].t_ns == T0 + 59 * S
+    assert folded.measurements["dropped"] == len(times) - 1
+
+
+def test_one_message_begins_one_epoch_at_most() -> None:
+    times = np.concatenate([T0 + 100 * S * n + S * np.arange(3) for n in range(1, 1_000)])
+    rows = np.tile([0.0, 0.0, 9.8], (len(times), 1))
+    wild = motion_samples(times, accelerometer=rows, device="d")
+    folded = run([*walk(0, 2), wild])
+    assert {e.epoch for e in settled(folded)} == {0, 1}
+    assert folded.measurements["dropped"] > 2_900
+
+
+def test_a_driver_may_close_a_few_ticks_at_a_time_and_comes_to_the_same() -> None:
+    whole, parts = Kernel([toy_pipeline()], SETTINGS), Kernel([toy_pipeline()], SETTINGS)
+    events = [scan(0.1, "a"), *walk(0, 2), *walk(50, 52)]
+    for event in events:
+        whole.feed(event)
+        parts.feed(event)
+    said = whole.run("d")
+    pieces = []
+    while (standing := parts.standing("d")) is not None and standing.behind:
+        piece = parts.run("d", None, 7)
+        assert len(piece.published) == min(7, standing.behind)
+        pieces.append(piece)
+    assert [e.tick for p in pieces for e in p.published] == [e.tick for e in said.published]
+    assert [e.belief.xy.tolist() for p in pieces for e in p.published if e.belief] == [
+        e.belief.xy.tolist() for e in said.published if e.belief
+    ]
+    assert parts.run("d").published == []
+
+
+def test_a_device_that_is_abandoned_says_nothing_and_begins_anew() -> None:
+    kernel = Kernel([toy_pipeline()], SETTINGS)
+    for event in walk(0, 2):
+        kernel.feed(event)
+    kernel.abandon("d")
+    kernel.abandon("nobody")
+    assert kernel.devices == ()
+    assert kernel.run("d").published == []
+    kernel.feed(walk(0, 2)[-1])
+    standing = kernel.standing("d")
+    assert standing is not None
+    assert standing.epoch == 1
