@@ -5,6 +5,7 @@ from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
 from tickfix.kernel.kernel import Kernel, KernelSettings
 from tickfix.kernel.observing import Question
+from tickfix.kernel.sessions import Sessions
 from tickfix.kernel.snapshot import KernelSnapshot
 from tickfix.kernel.stages import Failure, Pipeline, Stage
 
@@ -17,6 +18,7 @@ __all__ = [
     "Output",
     "Pipeline",
     "Question",
+    "Sessions",
     "Stage",
     "Standing",
 ]

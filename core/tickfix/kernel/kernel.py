@@ -15,9 +15,9 @@ from tickfix.api.events import Event, Fix, Scan, Truth
 from tickfix.kernel.device import Device, Standing
 from tickfix.kernel.epoch import Output
 from tickfix.kernel.intake import Outcome
-from tickfix.kernel.intake import Sequence as Numbers
 from tickfix.kernel.observing import Question
-from tickfix.kernel.snapshot import KernelSnapshot, SessionSnapshot
+from tickfix.kernel.sessions import Sessions
+from tickfix.kernel.snapshot import KernelSnapshot
 from tickfix.kernel.stages import Caller, Failure, Pipeline, Stage
 from tickfix.kernel.together import alone, together
 
@@ -39,11 +39,6 @@ class KernelSettings:
     checkpoint_mb: float = 8.0
     strict: bool = False
     repack: bool = False
-
-
-_SESSIONS = 16
-_SESSIONS_OF_RETIRED = 2
-_RETIRED = 16_384
 
 
 class Kernel:
@@ -71,8 +66,7 @@ class Kernel:
         self._starts = starts
         self._on_failure = on_failure
         self._devices: dict[str, Device] = {}
-        self._numbers: dict[str, dict[str, Numbers]] = {}
-        self._retired: dict[str, int] = {}
+        self._sessions = Sessions()
         self._call = Caller(self._failed, on_call=on_call, strict=self._settings.strict, repack=self._settings.repack)
         self.intake: Counter[str] = Counter()
         self.measurements: Counter[str] = Counter()
@@ -86,8 +80,7 @@ class Kernel:
 
     def repeats(self, event: Event) -> bool:
         """Tell whether the event would be a duplicate by its number, without taking note of it."""
-        numbers = self._numbers.get(event.device, {}).get(event.session)
-        return event.seq > 0 and numbers is not None and numbers.has_seen(event.seq)
+        return self._sessions.repeats(event)
 
     def standing(self, device: str) -> Standing | None:
         """Return how far a device has come, None for one that is not followed."""
@@ -117,7 +110,7 @@ class Kernel:
         """Forget a device that cannot be folded any more, and say nothing; should it come back, it begins anew."""
         known = self._devices.pop(device, None)
         if known is not None:
-            self._retire(device, known.number)
+            self._sessions.retire(device, known.number + 1)
 
     def finish(self, device: str) -> Output:
         """Nothing more is expected from this device: fold and settle everything, and forget its past.
@@ -128,8 +121,12 @@ class Kernel:
         known = self._devices.pop(device, None)
         if known is None:
             return Output()
-        self._retire(device, known.number)
+        self._sessions.retire(device, known.number + 1)
         return alone(known.finish(), self._call)
+
+    def forget(self, device: str) -> None:
+        """Remember nothing of a device that was finished: should it come back, it is a new one."""
+        self._sessions.forget(device)
 
     def questions(self, scan: Scan) -> list[Question]:
         """Return what the fingerprints will be asked once ``scan`` is fed.
@@ -145,15 +142,11 @@ class Kernel:
             seed=self._settings.seed,
             horizon_s=self._settings.horizon_s,
             devices=tuple(device.snapshot() for device in self._devices.values()),
-            sessions=tuple(
-                SessionSnapshot(device, session, numbers.highest, numbers.gaps, numbers.reached)
-                for device, sessions in self._numbers.items()
-                for session, numbers in sessions.items()
-            ),
-            retired=tuple(self._retired.items()),
-            intake=tuple(self.intake.items()),
-            measurements=tuple(self.measurements.items()),
-            failures=tuple(self.failures.items()),
+            sessions=self._sessions.snapshot(),
+            retired=tuple(self._sessions.retired.items()),
+            intake=tuple(sorted(self.intake.items())),
+            measurements=tuple(sorted(self.measurements.items())),
+            failures=tuple(sorted(self.failures.items())),
         )
 
     def restore(self, kept: KernelSnapshot) -> None:
@@ -169,10 +162,7 @@ class Kernel:
         for found in kept.devices:
             self._devices[found.device] = self._begin(found.device, found.number)
             self._devices[found.device].restore(found)
-        for seen in kept.sessions:
-            numbers = Numbers(seen.highest, seen.gaps, seen.reached)
-            self._numbers.setdefault(seen.device, {})[seen.session] = numbers
-        self._retired = dict(kept.retired)
+        self._sessions.restore(kept.sessions, kept.retired)
         for counter, counts in (
             (self.intake, kept.intake),
             (self.measurements, kept.measurements),
@@ -189,23 +179,17 @@ class Kernel:
     @property
     def missing(self) -> int:
         """How many messages of the devices followed now were passed over by later ones and have not come."""
-        sessions = (self._numbers.get(device, {}) for device in self._devices)
-        return sum(numbers.lacking for found in sessions for numbers in found.values())
+        return self._sessions.lacking(self._devices)
 
     def _feed(self, event: Event) -> Outcome:
         if isinstance(event, Truth):
             return Outcome.ACCEPTED
-        sessions, numbers = self._numbers.setdefault(event.device, {}), None
-        if event.seq > 0:
-            numbers = sessions.setdefault(event.session, Numbers())
-            if len(sessions) > _SESSIONS:
-                del sessions[next(iter(sessions))]
-            if not numbers.is_new(event.seq):
-                return Outcome.DUPLICATE
+        is_new, numbers = self._sessions.enter(event)
+        if not is_new:
+            return Outcome.DUPLICATE
         device = self._devices.get(event.device)
         if device is None:
-            number = self._retired.pop(event.device, 0)
-            device = self._devices[event.device] = self._begin(event.device, number)
+            device = self._devices[event.device] = self._begin(event.device, self._sessions.begin(event.device))
         if numbers is None:
             return device.feed(event)
         before = device.reached
@@ -213,16 +197,6 @@ class Kernel:
         if device.reached != before and event.seq <= numbers.highest:
             numbers.reached = max(numbers.reached, event.seq)
         return outcome
-
-    def _retire(self, device: str, number: int) -> None:
-        self._retired[device] = number + 1
-        sessions = self._numbers.get(device, {})
-        for session in list(sessions)[:-_SESSIONS_OF_RETIRED]:
-            del sessions[session]
-        while len(self._retired) > _RETIRED:
-            oldest = next(iter(self._retired))
-            del self._retired[oldest]
-            self._numbers.pop(oldest, None)
 
     def _begin(self, device: str, number: int) -> Device:
         return Device(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from tickfix.drivers.live.folding import Folding
 from tickfix.drivers.live.ledger import Ledger
-from tickfix.drivers.live.replica import Replica
 from tickfix.kernel import Outcome
 from tickfix.ports import Command, Hub
 from tickfix.ports.intake import Item
@@ -13,7 +13,7 @@ from tickfix.wire.decisions import Primary
 
 
 def obey(
-    command: Item, hub: Hub, replica: Replica, ledger: Ledger, names: Sequence[str], drain: Callable[[], None]
+    command: Item, hub: Hub, replica: Folding, ledger: Ledger, names: Sequence[str], drain: Callable[[], None]
 ) -> bool:
     """Do what the control port was told; return whether the engine is to stop.
 

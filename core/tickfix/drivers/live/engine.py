@@ -18,18 +18,18 @@ from tickfix.api import Event, Scan, Truth
 from tickfix.drivers.live.commands import obey
 from tickfix.drivers.live.deadlines import Deadlines
 from tickfix.drivers.live.errors import EngineError
+from tickfix.drivers.live.folding import Done, Feed, Folding, Step
 from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.outbox import Outbox
 from tickfix.drivers.live.overload import Overload
-from tickfix.drivers.live.replica import Done, Feed, Replica, Step
 from tickfix.drivers.live.scans import Decided, Locating, Scans
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.speaker import Speaker
 from tickfix.kernel import Outcome, Standing
 from tickfix.ports import Clock, Command, Hub, Incoming
 from tickfix.ports.intake import Item
-from tickfix.wire import Bye, Hello
+from tickfix.wire import Bye, Hello, encode_event
 from tickfix.wire.decisions import Drop, Finish, Run
 
 _IDLE_S: Final = 0.25
@@ -69,7 +69,7 @@ class Engine:
 
     def __init__(
         self,
-        replica: Replica,
+        replica: Folding,
         locating: Locating,
         hub: Hub,
         ledger: Ledger,
@@ -149,7 +149,7 @@ class Engine:
     def adopt(self) -> None:
         """Take over what the replica was restored with: its devices and the scans that wait to be located."""
         now_ns = self._clock.monotonic_ns()
-        self._standings = self._replica.standings()
+        self._standings = dict(self._replica.standings())
         for device in self._standings:
             self._heard(device, now_ns)
         self._scans.adopt(self._replica.waiting)
@@ -236,7 +236,9 @@ class Engine:
         if isinstance(event, Truth):
             self._speaker.contest.truth(event)
         self._gathered_numbers.add((event.device, event.session, event.seq))
-        self._tasks.append(Task(Feed(self._ledger.event(event), event), event.device, item.received_ns, item))
+        body = encode_event(event)
+        step = Feed(self._ledger.event(event, body), event, body)
+        self._tasks.append(Task(step, event.device, item.received_ns, item))
 
     def _let_in(self, decided: Sequence[Decided]) -> None:
         """Fold the scans that are located by now, and give up those that will not be."""

@@ -16,19 +16,19 @@ from typing import Any, Final
 import msgspec
 import zmq
 
-from tickfix.api import Truth
+from tickfix.api import Scan, Truth
 from tickfix.client import Keys
 from tickfix.client.connection import connect, open_socket
 from tickfix.drivers.live.commands import obey
+from tickfix.drivers.live.folding import Feed, Folding, Step
 from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.outbox import Outbox
-from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.speaker import Speaker
 from tickfix.ports import Clock, Hub
 from tickfix.wire import FollowEnvelope, WireError, decode_event
-from tickfix.wire.decisions import Drop, Finish, Fold, Primary, Run, decode_decision
+from tickfix.wire.decisions import Drop, Finish, Fold, Run, decode_decision
 
 _IDLE_MS: Final = 200
 _MOST: Final = 2_000
@@ -57,7 +57,7 @@ class Follower:
     def __init__(
         self,
         leader: Leader,
-        replica: Replica,
+        replica: Folding,
         hub: Hub,
         ledger: Ledger,
         settings: LiveSettings,
@@ -79,7 +79,8 @@ class Follower:
         self._tell = tell
         self._outbox = Outbox(hub, ledger, on_disk=False, tell=tell)
         self._speaker = Speaker(replica, ledger, self._outbox, settings, site=site, names=names, clock=self._clock)
-        self._own: dict[int, int] = {}
+        self._own: dict[int, tuple[int, str]] = {}
+        self._steps: list[tuple[Step, str]] = []
         self._run = ""
         self._seq = 0
         self._stopping = False
@@ -144,6 +145,7 @@ class Follower:
             while ready and taken < _MOST and not self._outbox.full:
                 self._take(self._socket.recv_multipart(zmq.NOBLOCK), begun_ns)
                 taken += 1
+        self._do_steps(begun_ns)
         self._outbox.flush(self._replica.snapshot, begun_ns)
         if taken:
             self.work.add((self._clock.monotonic_ns() - begun_ns) * 1e-6)
@@ -155,7 +157,7 @@ class Follower:
             head = msgspec.msgpack.decode(envelope, type=FollowEnvelope)
             self._notice(head)
             if kind == b"event":
-                self._event(head.number, body)
+                self._event(head.number, body, now_ns)
             else:
                 self._decide(body, now_ns)
             self.counts["records"] += 1
@@ -173,32 +175,42 @@ class Follower:
             self._tell(f"{self._address}: missed {head.seq - self._seq - 1} records")
         self._seq = head.seq
 
-    def _event(self, number: int, body: bytes) -> None:
+    def _event(self, number: int, body: bytes, now_ns: int) -> None:
         event = decode_event(body)
-        own = self._ledger.event(event)
+        self._before_what_says_nothing(now_ns)
+        own = self._ledger.event(event, body)
         if isinstance(event, Truth):
             self._speaker.contest.truth(event)
-        if self._replica.event(own, event) is None:
-            self._own[number] = own
+        elif isinstance(event, Scan):
+            self._own[number] = own, event.device
+        self._steps.append((Feed(own, event, body), event.device))
 
     def _decide(self, body: bytes, now_ns: int) -> None:
         """Do what the first engine decided; its numbers of records are not ours."""
         decision = decode_decision(body)
-        if isinstance(decision, Primary):
-            return
-        device = ""
-        if isinstance(decision, Fold | Drop):
-            own = self._own.pop(decision.number, None)
-            if own is None:
+        if isinstance(decision, Run | Finish):
+            self._steps.append((decision, decision.device))
+        elif isinstance(decision, Fold | Drop):
+            number, device = self._own.pop(decision.number, (0, ""))
+            if not number:
                 self.counts["decisions about records that were missed"] += 1
                 return
-            device = self._replica.waiting[own].device
-            decision = msgspec.structs.replace(decision, number=own)
-        elif isinstance(decision, Run | Finish):
-            device = decision.device
-        (done,) = self._replica.apply([decision])
-        self._ledger.decision(decision, device, 0)
-        self._speaker.say(done.said, now_ns)
-        if isinstance(decision, Finish):
-            self._speaker.contest.finish(decision.device)
-            self._hub.forget(device)
+            self._before_what_says_nothing(now_ns)
+            decision = msgspec.structs.replace(decision, number=number)
+            self._ledger.decision(decision, device, 0)
+            self._steps.append((decision, device))
+
+    def _before_what_says_nothing(self, now_ns: int) -> None:
+        """Do what says something first: what it says stands in the journal before what comes after it."""
+        if self._steps and isinstance(self._steps[-1][0], Run | Finish):
+            self._do_steps(now_ns)
+
+    def _do_steps(self, now_ns: int) -> None:
+        steps, self._steps = self._steps, []
+        for (step, device), done in zip(steps, self._replica.apply([step for step, _ in steps]), strict=True):
+            if isinstance(step, Run | Finish):
+                self._ledger.decision(step, device, 0)
+                self._speaker.say(done.said, now_ns)
+            if isinstance(step, Finish):
+                self._speaker.contest.finish(device)
+                self._hub.forget(device)

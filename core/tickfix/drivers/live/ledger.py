@@ -8,7 +8,6 @@ from tickfix.api import Event
 from tickfix.drivers.live.saying import Saying
 from tickfix.journal import JournalWriter, Kind
 from tickfix.ports import Hub
-from tickfix.wire import encode_event
 from tickfix.wire.decisions import Decision, encode_decision
 
 
@@ -27,11 +26,10 @@ class Ledger:
         self._number = 0
         self._followed: list[tuple[bytes, int, bytes]] = []
 
-    def event(self, event: Event) -> int:
-        """Write down an event and return its number."""
-        payload = encode_event(event)
-        number = self._append(Kind.EVENT, event.device, event.t_ns, payload)
-        self._followed.append((b"event", number, payload))
+    def event(self, event: Event, body: bytes) -> int:
+        """Write down an event, whose canonical bytes are ``body``, and return its number."""
+        number = self._append(Kind.EVENT, event.device, event.t_ns, body)
+        self._followed.append((b"event", number, body))
         return number
 
     def decision(self, decision: Decision, device: str, t_ns: int) -> None:

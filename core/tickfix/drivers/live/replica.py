@@ -4,52 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from tickfix.api import Event, Scan
 from tickfix.api.packing import pack, unpack
+from tickfix.drivers.live.folding import Books, Done, Feed, Step
 from tickfix.drivers.live.saying import Saying
 from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Output, Pipeline, Stage, Standing
 from tickfix.wire import decode_event, encode_event
 from tickfix.wire.decisions import Decision, Drop, Finish, Fold, Primary, Run
-
-
-@dataclass(frozen=True, slots=True)
-class Feed:
-    """An event enters, as the record of this number."""
-
-    number: int
-    event: Event
-
-
-Step: TypeAlias = Feed | Decision
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """What came of a step.
-
-    Attributes:
-        outcome: of the event, or of the scan that a decision let in; None where there is none, or it waits.
-        said: estimates in the order in which they are journaled: what was revised, then what closed a tick.
-        spoke: whether a journal must have the decision: something was said, or settled.
-        standing: how far the device has come; None for one that is not followed.
-    """
-
-    outcome: Outcome | None = None
-    said: tuple[Saying, ...] = ()
-    spoke: bool = False
-    standing: Standing | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Books:
-    """Counters: devices followed, measurements by what became of them, messages missing, failures by stage."""
-
-    devices: int
-    measurements: Mapping[str, int]
-    missing: int
-    failures: Mapping[str, int]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from tickfix.api import Estimate
 from tickfix.drivers.live.errors import EngineError
+from tickfix.drivers.live.folding import Feed, Folding, Step
 from tickfix.drivers.live.replica import Replica
 from tickfix.journal import Damage, JournalReader, Kind, Manifest, Record, Since
 from tickfix.wire import decode_estimate, decode_event
 from tickfix.wire.decisions import decode_decision
+
+_TOGETHER: Final = 256
+"""Steps that are applied at once."""
 
 
 @dataclass(slots=True)
@@ -46,7 +51,7 @@ def manifest_of(folder: Path) -> Manifest:
     return manifests[-1]
 
 
-def resume(folder: Path, replica: Replica, alive: Callable[[], None]) -> Resumed:
+def resume(folder: Path, replica: Folding, alive: Callable[[], None]) -> Resumed:
     """Bring a replica to where the journal's newest run stood.
 
     Args:
@@ -58,6 +63,7 @@ def resume(folder: Path, replica: Replica, alive: Callable[[], None]) -> Resumed
     """
     resumed = Resumed(manifest_of(folder), 1)
     begun = False
+    steps: list[Step] = []
     for record in JournalReader(folder).records(Since.REPLAYABLE, on_damage=resumed.damage.append):
         alive()
         resumed.next_number = record.number + 1
@@ -68,9 +74,15 @@ def resume(folder: Path, replica: Replica, alive: Callable[[], None]) -> Resumed
         elif record.kind is Kind.ESTIMATE:
             estimate = decode_estimate(record.payload)
             resumed.last[estimate.device, estimate.pipeline] = record
-        else:
-            apply(replica, record)
+        elif record.kind is Kind.EVENT:
+            steps.append(Feed(record.number, decode_event(record.payload), record.payload))
+        elif record.kind is Kind.DECISION:
+            steps.append(decode_decision(record.payload))
+        if len(steps) >= _TOGETHER:
+            replica.apply(steps)
+            steps = []
         begun = True
+    replica.apply(steps)
     return resumed
 
 
@@ -85,7 +97,7 @@ def apply(replica: Replica, record: Record) -> list[Estimate]:
     return [*output.revised, *output.published]
 
 
-def restore(replica: Replica, record: Record) -> None:
+def restore(replica: Folding, record: Record) -> None:
     """Restore a replica from the record of a snapshot.
 
     Raises:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 from tickfix.api import Estimate
 from tickfix.wire import encode_estimate
 
 
-@dataclass(frozen=True, slots=True)
-class Saying:
+class Saying(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """An estimate that was encoded where it was made.
 
     Attributes:

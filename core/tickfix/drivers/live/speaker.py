@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 from tickfix.api import TICK_NS
 from tickfix.drivers.live.contest import Contest
+from tickfix.drivers.live.folding import Folding
 from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.outbox import Outbox
-from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.saying import Saying
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.ports import Clock, Said
@@ -36,7 +36,7 @@ class Speaker:
 
     def __init__(
         self,
-        replica: Replica,
+        replica: Folding,
         ledger: Ledger,
         outbox: Outbox,
         settings: LiveSettings,
