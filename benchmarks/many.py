@@ -108,7 +108,8 @@ def main() -> None:
     recordings = [walk.recording for walk in world.survey]
     site = survey_walks(recordings, world.building.floors, chosen.pipelines, name="demo").site
     names = sys.argv[1:] or ["fusion", "kalman"]
-    print(f"one thread, {platform.machine()}, Python {platform.python_version()}, numpy {np.__version__}")
+    machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    print(f"one thread, {machine}, numpy {np.__version__}; µs of one device's tick")
     for wanted in chosen.pipelines:
         if wanted.name in names:
             pipeline = config.build([wanted], context_of(site), site.models)[0]
@@ -116,7 +117,7 @@ def main() -> None:
             for devices in SIZES:
                 us = device_tick_us(pipeline.filter.algorithm, walks, devices)
                 told = ", ".join(f"{name} {value:4.0f}" for name, value in us.items())
-                print(f"  {wanted.name:8s} {devices:4d} : {sum(us.values()):5.0f} µs per device and tick ({told})")
+                print(f"  {wanted.name:8s} {devices:4d} together: {sum(us.values()):5.0f} µs a tick ({told})")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ from tickfix_filters.resampling import normalised, spatial_median, weighted_mean
 
 def mean_xy(state: Particles) -> Floats:
     """Return the weighted mean (2,) of the particles' places."""
-    return weighted_mean(normalised(state.log_weights), state.xy.T)
+    weights = normalised(state.log_weights)
+    return np.array([weighted_mean(weights, state.xy[:, 0]), weighted_mean(weights, state.xy[:, 1])])
 
 
 def beliefs(states: Sequence[Particles], *, median: bool) -> list[Belief]:

@@ -78,7 +78,7 @@ class Particles:
     unseen: Unseen = Unseen()
 
 
-_TOGETHER: Final = 32768  # particles in a batch: their arrays stay in the processor's cache
+_TOGETHER: Final = 16384  # particles in a batch: their arrays stay in the processor's cache
 
 
 def batches(states: Sequence[Particles]) -> Iterator[slice]:

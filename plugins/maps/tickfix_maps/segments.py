@@ -18,6 +18,7 @@ from tickfix_maps.cells import MARGIN_M, Cells
 _CELL_M: Final = 0.5
 _REACH_M: Final = 1.0  # half of the longest piece that is tested at once
 _ROUNDING_M: Final = 1e-6
+_BLOCK: Final = 8192  # moves looked at together: their arrays stay in the processor's cache
 
 
 class SegmentIndex:
@@ -74,17 +75,27 @@ class SegmentIndex:
 
     def _crossings(self, a: Floats, b: Floats) -> tuple[Ints, Ints]:
         """Return for every pair that meets: index of the move and of the segment."""
-        if len(self.segments) == 0:
+        if len(self.segments) == 0 or len(a) == 0:
             none = np.zeros(0, dtype=np.int64)
             return none, none
-        ax, ay, bx, by = a[:, 0], a[:, 1], b[:, 0], b[:, 1]
-        cell = self._cells.of(0.5 * (ax + bx), 0.5 * (ay + by))
-        move = np.flatnonzero((bx - ax) ** 2 + (by - ay) ** 2 >= self._harmless_m2[cell])
-        ends = ax[move], ay[move], bx[move], by[move]
+        blocks = range(0, len(a), _BLOCK)
+        move = np.concatenate(
+            [first + self._doubtful(a[first : first + _BLOCK], b[first : first + _BLOCK]) for first in blocks]
+        )
+        ends = a[move, 0], a[move, 1], b[move, 0], b[move, 1]
         close, segment = self._close(*ends)
         # The whole move is tested, not the piece: cutting it would move its points by rounding.
         meets = _meet(*(end[close] for end in ends), *(end[segment] for end in self._ends))
         return move[close[meets]], segment[meets]
+
+    def _doubtful(self, a: Floats, b: Floats) -> Ints:
+        """Return which moves (n, 2) → (n, 2) are longer than it is far from their middle to a segment."""
+        way_x, way_y = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
+        cell = self._cells.of(a[:, 0] + 0.5 * way_x, a[:, 1] + 0.5 * way_y)
+        way_x *= way_x
+        way_y *= way_y
+        way_x += way_y
+        return np.flatnonzero(way_x >= self._harmless_m2[cell])
 
     def _close(self, ax: Floats, ay: Floats, bx: Floats, by: Floats) -> tuple[Ints, Ints]:
         """Return every pair of a move (n,) and a segment that come so close that they might meet: index of each."""
