@@ -23,11 +23,11 @@ class Port:
         self.publisher = Publisher(self.socket)
 
     def open(self, kind: int) -> zmq.Socket[bytes]:
-        """Return a socket whose queues are short."""
+        """Return a socket whose queue of messages is short; that of subscriptions has no end."""
         socket = self._context.socket(kind)
         self._opened.append(socket)
-        socket.setsockopt(zmq.SNDHWM, 10)
-        socket.setsockopt(zmq.RCVHWM, 10)
+        socket.setsockopt(zmq.SNDHWM, 10 if kind == zmq.XPUB else 0)
+        socket.setsockopt(zmq.RCVHWM, 0 if kind == zmq.XPUB else 10)
         return socket
 
     def close(self) -> None:
