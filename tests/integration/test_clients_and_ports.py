@@ -120,6 +120,8 @@ def test_a_throttled_sensor_gets_through_in_the_end(context):
 
 def test_a_listener_gets_the_last_value_and_then_what_comes(engine, context):
     engine.hub.publish([said(1), said(2)])
+    with Control(engine.addresses.control, context=context) as control:
+        control.request("health")  # answered after they were said
     with Listener(engine.addresses.positions, ["estimate/mall/"], context=context) as listener:
         assert listener.receive(PATIENCE_S)["tick"] == 2
         with Listener(engine.addresses.positions, ["device/mall/d/"], context=context) as other:

@@ -28,8 +28,6 @@ no time, and is left out. There is room above it, so that ticks and sums of two 
 UNSET_NS: Final = -(2**63)
 """A time not told; the event fills in what its own content implies."""
 
-_NONE: Final = np.empty(0, np.int64)
-
 SENSORS: Final[Mapping[str, tuple[int, str]]] = MappingProxyType(
     {
         "accelerometer": (3, "m/s², device frame, gravity included"),
@@ -108,7 +106,7 @@ class MotionSamples:
 
     def _cover(self) -> None:
         """Fill in the interval from the oldest to the newest sample, as far as it was not told."""
-        heard = np.concatenate([_NONE, *(samples.t_ns for samples in self.sensors.values())])
+        heard = np.frombuffer(b"".join([samples.t_ns.tobytes() for samples in self.sensors.values()]), np.int64)
         # Integers: the smallest one is the one found first, and finding it takes a fifth of the time of ``min``.
         if self.t0_ns == UNSET_NS:
             object.__setattr__(self, "t0_ns", heard.item(heard.argmin()) if len(heard) else 0)

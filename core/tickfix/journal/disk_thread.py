@@ -51,14 +51,17 @@ class DiskThread:
                 self._file = file
                 self._new = True
             self._written = number
-            self._dirty = True
-            self._changed.notify()
+            if not self._dirty:
+                # Otherwise the thread knows, and naps until it may ask the disk again.
+                self._dirty = True
+                self._changed.notify()
 
     def when_durable(self, number: int, then: Callable[[], None]) -> None:
         """Have ``then`` called, by the thread, once all records up to ``number`` are on the disk; in their order."""
         with self._changed:
             heapq.heappush(self._waiting, (number, next(self._order), then))
-            self._changed.notify()
+            if self._due():
+                self._changed.notify()
 
     def take_failure(self) -> JournalError | None:
         """Return what went wrong: for ever when the disk did, once when something else did."""

@@ -98,6 +98,7 @@ class Peers:
         self._allowed = allowed
         self._salt = secrets.token_bytes(16)
         self._accounts: OrderedDict[str, Account] = OrderedDict()
+        self._names: dict[bytes, str] = {}
 
     def __iter__(self) -> Iterator[Account]:
         """Iterate over the accounts, the one heard last at the end."""
@@ -107,12 +108,20 @@ class Peers:
         """Return the peer whose message begins with the frame ``head``, its routing id."""
         routing_id = head.bytes
         if self._allowed is None:
-            # Not the routing id itself: who knows another's could push it off, and names are shown to all who ask.
-            digest = hashlib.blake2s(routing_id, key=self._salt, digest_size=6).hexdigest()
-            return Peer(self._account(f"connection-{digest}", None, now_ns), routing_id, delimited)
+            return Peer(self._account(self._name_of(routing_id), None, now_ns), routing_id, delimited)
         grant = self._allowed.of_key(_user_id(head))
         account = self._account(_WITHDRAWN if grant is None else grant.name, grant, now_ns)
         return Peer(account, routing_id, delimited, grant is not None)
+
+    def _name_of(self, routing_id: bytes) -> str:
+        name = self._names.get(routing_id)
+        if name is None:
+            # Not the routing id itself: who knows another's could push it off, and names are shown to all who ask.
+            digest = hashlib.blake2s(routing_id, key=self._salt, digest_size=6).hexdigest()
+            if len(self._names) >= _REMEMBERED:
+                self._names.clear()
+            name = self._names[routing_id] = f"connection-{digest}"
+        return name
 
     def _account(self, name: str, grant: Grant | None, now_ns: int) -> Account:
         account = self._accounts.get(name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final, cast
 
 import zmq
@@ -50,8 +49,8 @@ class Publisher:
         socket.setsockopt(zmq.XPUB_VERBOSE, 1)
         socket.setsockopt(zmq.XPUB_NODROP, 1)
 
-    def send(self, frames: Sequence[bytes]) -> None:
-        """Publish one message; its first frame is the topic."""
+    def send(self, frames: tuple[bytes, bytes, bytes]) -> None:
+        """Publish one message: topic, envelope, body."""
         if frames[0].startswith(self._prefixes):
             try:
                 self._send(frames)
@@ -63,11 +62,12 @@ class Publisher:
         self.sent += 1
         self.sent_bytes += len(frames[-1])
 
-    def _send(self, frames: Sequence[bytes]) -> None:
-        *first, last = frames
-        for frame in first:
-            self._socket.send(frame, _MORE)
-        self._socket.send(last, _LAST)
+    def _send(self, frames: tuple[bytes, bytes, bytes]) -> None:
+        topic, envelope, body = frames
+        send = self._socket.send
+        send(topic, _MORE)
+        send(envelope, _MORE)
+        send(body, _LAST)
 
     def subscriptions(self) -> set[bytes]:
         """Return the topics that listeners have subscribed to since the last call; to be called before :meth:`send`."""

@@ -88,8 +88,9 @@ def unknown_fields(data: bytes) -> tuple[str, ...]:
     ``data`` must be a message that :func:`decode_message` took.
     """
     raw = _FIELDS.decode(data)
-    known = _KNOWN[_ANY.decode(raw["type"])]
-    return tuple(name for name in raw if name not in known)
+    kind = raw["type"]
+    known = _KNOWN[_KINDS.get(bytes(kind)) or _ANY.decode(kind)]
+    return () if raw.keys() <= known else tuple(name for name in raw if name not in known)
 
 
 def decode_as(decoder: msgspec.msgpack.Decoder[T], data: bytes) -> T:

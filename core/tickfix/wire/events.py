@@ -6,13 +6,14 @@ Canonical means: the same event gives the same bytes. Keys are sorted, sensors t
 
 from __future__ import annotations
 
+import sys
 from typing import Any, Final
 
 import msgspec
 import numpy as np
 
 from tickfix import api
-from tickfix.api import LATEST_NS, SENSORS, Event, EventError, MotionSamples, Samples
+from tickfix.api import LATEST_NS, SENSORS, Event, EventError, Floats, Ints, MotionSamples, Samples
 from tickfix.api.events import UNSET_NS
 from tickfix.kernel import Outcome
 from tickfix.wire import messages
@@ -22,6 +23,7 @@ from tickfix.wire.errors import WireError
 from tickfix.wire.messages import VERSION, EventMessage, Message
 
 _ENCODER: Final = msgspec.msgpack.Encoder()
+_LITTLE: Final = sys.byteorder == "little"
 _FIELDS: Final = {name: (f"sensors.{name}.t_ns", f"sensors.{name}.values") for name in SENSORS}
 
 
@@ -138,10 +140,20 @@ def _motion(message: messages.Motion, arrival_ns: int, t0_ns: int = UNSET_NS, t1
         if name in SENSORS:
             t_field, values_field = _FIELDS[name]
             t_ns = times(t_field, batch.t_ns)
-            sensors[name] = Samples(t_ns, rows(values_field, batch.values, len(t_ns), SENSORS[name][0]))
+            values = rows(values_field, batch.values, len(t_ns), SENSORS[name][0])
+            of_bin = _LITTLE and isinstance(batch.t_ns, bytes) and isinstance(batch.values, bytes)
+            sensors[name] = _samples_of_bin(t_ns, values) if of_bin else Samples(t_ns, values)
     if message.sensors and not sensors:
         raise WireError("sensors", shown(next(iter(message.sensors))), " | ".join(SENSORS), Outcome.UNKNOWN)
     return MotionSamples(sensors=sensors, t0_ns=t0_ns, t1_ns=t1_ns, **_common(message, arrival_ns))
+
+
+def _samples_of_bin(t_ns: Ints, values: Floats) -> Samples:
+    """Return ``Samples(t_ns, values)`` without its checks: arrays of ``bin`` are read-only, typed and fit already."""
+    samples = object.__new__(Samples)
+    object.__setattr__(samples, "t_ns", t_ns)
+    object.__setattr__(samples, "values", values)
+    return samples
 
 
 def _scan(message: messages.Scan, arrival_ns: int) -> api.Scan:

@@ -257,3 +257,17 @@ def test_a_damaged_event_is_refused_or_is_another_event(event, data):
     except WireError:
         return
     encode_event(decoded)
+
+
+@given(SENT)
+def test_arrays_of_a_message_are_as_an_event_makes_them(event):
+    told = to_event(decode_message(from_event(event), LIMITS), 7)
+    if not isinstance(told, MotionSamples):
+        return
+    for samples in told.sensors.values():
+        made = Samples(samples.t_ns, samples.values)
+        assert (made.t_ns is samples.t_ns, made.values is samples.values) == (True, True)
+        assert not any(array.flags.writeable for array in (samples.t_ns, samples.values))
+        copied = Samples(samples.t_ns.copy(), samples.values.copy())
+        assert (copied.t_ns.dtype, copied.values.dtype) == (samples.t_ns.dtype, samples.values.dtype)
+        assert (copied.t_ns.shape, copied.values.shape) == (samples.t_ns.shape, samples.values.shape)
