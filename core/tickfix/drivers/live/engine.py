@@ -209,7 +209,7 @@ class Engine:
         self.counts["rounds"] += 1
         for item in items:
             if isinstance(item, Command):
-                self._do_tasks()
+                self._do_tasks_now()
                 stops = obey(item, self._hub, self._replica, self._ledger, self._names, self.drain)
                 self._stopping = self._stopping or stops
             elif self._outbox.full:
@@ -257,7 +257,7 @@ class Engine:
             self._outbox.answer(item, Outcome.ACCEPTED)
             return
         if isinstance(event, Bye):
-            self._do_tasks()
+            self._do_tasks_now()
             if behind := self._behind.get(event.device):
                 self.counts["put off"] += 1
                 self._hub.answer(item, Outcome.BUSY, f"{behind} ticks of this device wait to be folded")
@@ -306,6 +306,11 @@ class Engine:
             runs[device] = tick, min(since_ns, runs.get(device, (None, since_ns))[1])
         self._tasks += [Task(Run(device=d, tick=tick, most=_MOST_TICKS), d, since) for d, (tick, since) in runs.items()]
         return min((since_ns for _, since_ns in runs.values()), default=None)
+
+    def _do_tasks_now(self) -> None:
+        """Do what was gathered before the round is over; what was fed is run, for a snapshot may be asked for next."""
+        self._run_what_is_due(self._clock.monotonic_ns())
+        self._do_tasks()
 
     def _do_tasks(self) -> None:
         """Have the replica do what was gathered, and tell everybody what came of it."""

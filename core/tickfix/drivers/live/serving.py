@@ -141,6 +141,7 @@ def serve(
             hub.publish(_last_words(resumed, site.name, engine.report()["primary"], everyone=live.publish == "all"))
         control(engine)
         began(shown, addresses)
+        beacon.serving()
         with rare_full_collections():
             engine.serve()
         ending(engine)
