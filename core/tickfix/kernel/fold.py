@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any, Final, Generic, TypeVar
 
 from tickfix.api.packing import nbytes
@@ -111,7 +112,10 @@ class Fold(Generic[S, O]):
         _drop_before(tick, self.outputs)
 
     def _thin(self, state: S) -> None:
-        affordable = max(1, self._budget_bytes // max(1, nbytes(state)))
+        measured = 0
+        with suppress(Exception):  # a state is a stage's, and may break when it is looked at
+            measured = nbytes(state)
+        affordable = max(1, self._budget_bytes // max(1, measured))
         self._stride = min(self._horizon, -(-self._horizon // affordable)) or 1
 
 

@@ -6,11 +6,13 @@ waiting is done is the driver's affair.
 
 from __future__ import annotations
 
+import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from tickfix.api.errors import PluginError
 from tickfix.api.events import Event, Fix, Scan, Truth
 from tickfix.kernel.device import Device, Standing
 from tickfix.kernel.epoch import Output
@@ -39,6 +41,10 @@ class KernelSettings:
     checkpoint_mb: float = 8.0
     strict: bool = False
     repack: bool = False
+
+
+LOST = "device lost"
+"""Stands in the place of a stage where the kernel itself breaks on a device."""
 
 
 class Kernel:
@@ -74,7 +80,11 @@ class Kernel:
 
     def feed(self, event: Event) -> Outcome:
         """Take an event in; call :meth:`run` to fold what it makes due."""
-        outcome = self._feed(event)
+        try:
+            outcome = self._feed(event)
+        except Exception as error:  # noqa: BLE001 - see _lose
+            self._lose(event.device, error)
+            outcome = Outcome.MALFORMED
         self.intake[outcome.value] += 1
         return outcome
 
@@ -102,8 +112,11 @@ class Kernel:
         known = [(n, device, tick) for n, (device, tick) in enumerate(runs) if device in self._devices]
         outputs = [Output() for _ in runs]
         done = together([self._devices[device].run(tick, most) for _, device, tick in known], self._call)
-        for (n, _, _), output in zip(known, done, strict=True):
-            outputs[n] = output
+        for (n, device, _), output in zip(known, done, strict=True):
+            if isinstance(output, Exception):
+                self._lose(device, output)
+            else:
+                outputs[n] = output
         return outputs
 
     def abandon(self, device: str) -> None:
@@ -122,7 +135,11 @@ class Kernel:
         if known is None:
             return Output()
         self._sessions.retire(device, known.number + 1)
-        return alone(known.finish(), self._call)
+        try:
+            return alone(known.finish(), self._call)
+        except Exception as error:  # noqa: BLE001 - see _lose
+            self._lose(device, error)
+            return Output()
 
     def forget(self, device: str) -> None:
         """Remember nothing of a device that was finished: should it come back, it is a new one."""
@@ -197,6 +214,16 @@ class Kernel:
         if device.reached != before and event.seq <= numbers.highest:
             numbers.reached = max(numbers.reached, event.seq)
         return outcome
+
+    def _lose(self, device: str, error: Exception) -> None:
+        """Abandon a device that the kernel breaks on, here and in every repetition alike.
+
+        No such device is known. Should there be one, then the others shall not have to go with it.
+        """
+        if self._settings.strict or isinstance(error, PluginError):
+            raise error
+        self.abandon(device)
+        self._failed(Failure(LOST, type(error).__name__, "".join(traceback.format_exception(error))))
 
     def _begin(self, device: str, number: int) -> Device:
         return Device(

@@ -60,8 +60,11 @@ def alone(work: Asking[T], call: Caller) -> T:
         return result
 
 
-def together(works: Sequence[Asking[T]], call: Caller) -> list[T]:
-    """Do works of different devices side by side, and what they ask for at once as one batch for each filter."""
+def together(works: Sequence[Asking[T]], call: Caller) -> list[T | Exception]:
+    """Do works of different devices side by side, and what they ask for at once as one batch for each filter.
+
+    A work that raises ends with what it raised, and the others go on.
+    """
     results: list[Any] = [None] * len(works)
     # A work begins by being sent None.
     answers: list[tuple[int, Any]] = [(n, None) for n in range(len(works))]
@@ -72,6 +75,8 @@ def together(works: Sequence[Asking[T]], call: Caller) -> list[T]:
                 asked = works[n].send(answer)
             except StopIteration as done:
                 results[n] = done.value
+            except Exception as error:  # noqa: BLE001 - it is that work's result; who asked for it decides
+                results[n] = error
             else:
                 asking.setdefault(asked.stage.key, []).append((n, asked))
         answers = []

@@ -26,10 +26,14 @@ class Drop(msgspec.Struct, tag_field="type", tag="drop", kw_only=True, frozen=Tr
 
 
 class Run(msgspec.Struct, tag_field="type", tag="run", kw_only=True, frozen=True):
-    """What is due for a device is folded; ``tick`` closes the ticks up to it though the data has not passed them."""
+    """What is due for a device is folded; ``tick`` closes the ticks up to it though the data has not passed them.
+
+    At most ``most`` ticks are closed, where it is told.
+    """
 
     device: str
     tick: int | None = None
+    most: int | None = None
 
 
 class Finish(msgspec.Struct, tag_field="type", tag="finish", kw_only=True, frozen=True):

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from streams import SETTINGS, T0, S, run, scan, settled, walk
@@ -13,10 +15,11 @@ from toys import toy_pipeline
 
 from tickfix.api import TICK_NS, Fix, Samples, motion_samples
 from tickfix.api.events import MotionSamples
-from tickfix.kernel import Kernel, Outcome
+from tickfix.kernel import LOST, Failure, Kernel, Outcome, Output
 from tickfix.kernel.timeline import FURTHEST_NS, Timeline
 
 TICK = T0 // TICK_NS
+LENIENT = replace(SETTINGS, strict=False)
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
@@ -109,6 +112,46 @@ def test_a_driver_may_close_a_few_ticks_at_a_time_and_comes_to_the_same() -> Non
         e.belief.xy.tolist() for e in said.published if e.belief
     ]
     assert parts.run("d").published == []
+
+
+@pytest.mark.parametrize("where", ["insert", "close", "finish"])
+def test_a_device_that_the_kernel_breaks_on_is_lost_alone(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = getattr(Timeline, where)
+
+    def broken(self: Timeline, *args: Any, **more: Any) -> Any:
+        if marked in self._counts:
+            raise ZeroDivisionError("a defect")
+        return honest(self, *args, **more)
+
+    marked = "a kernel with a defect"
+    monkeypatch.setattr(Timeline, where, broken)
+    told: list[Failure] = []
+    kernel = Kernel([toy_pipeline()], LENIENT, on_failure=told.append)
+    events = [replace(event, device=device) for event in walk(0, 2) for device in ("d", "other")]
+    for event in events:
+        kernel.feed(event)
+    kernel.run_many([("d", None), ("other", None)])
+    kernel.measurements[marked] = 1
+    if where == "insert":
+        assert kernel.feed(walk(2, 3)[0]) is Outcome.MALFORMED
+    elif where == "close":
+        assert kernel.run("d", TICK + 20) == Output()
+    else:
+        assert kernel.finish("d") == Output()
+    del kernel.measurements[marked]
+    assert kernel.devices == ("other",)
+    assert kernel.failures == {f"{LOST}: ZeroDivisionError": 1}
+    assert "a defect" in told[0].detail
+    kernel.feed(replace(walk(2, 3)[0], device="other"))
+    assert kernel.run("other", TICK + 12).published
+    kernel.snapshot()
+
+
+def test_in_a_strict_run_the_defect_itself_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = Kernel([toy_pipeline()], SETTINGS)
+    monkeypatch.delattr(Timeline, "insert")
+    with pytest.raises(AttributeError, match="insert"):
+        kernel.feed(walk(0, 2)[0])
 
 
 def test_a_device_that_is_abandoned_says_nothing_and_begins_anew() -> None:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Final
 
-from tickfix.api import Event, Scan, Truth
+from tickfix.api import Event, PluginError, Scan, Truth
+from tickfix.api.errors import PortError
 from tickfix.drivers.live.commands import obey
 from tickfix.drivers.live.deadlines import Deadlines
 from tickfix.drivers.live.errors import EngineError
@@ -26,6 +27,7 @@ from tickfix.drivers.live.overload import Overload
 from tickfix.drivers.live.scans import Decided, Locating, Scans
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.speaker import Speaker
+from tickfix.journal import JournalError
 from tickfix.kernel import Outcome, Standing
 from tickfix.ports import Clock, Command, Hub, Incoming
 from tickfix.ports.intake import Item
@@ -35,6 +37,10 @@ from tickfix.wire.decisions import Drop, Finish, Run
 _IDLE_S: Final = 0.25
 _MOST: Final = 2_000
 _LOOK_NS: Final = 1_000_000_000
+_MOST_TICKS: Final = 100
+"""A run closes so many ticks of a device at most: what one message made due is folded between the others' ticks."""
+_MOST_BEHIND: Final = 3_000
+"""Ticks of a device that wait to be folded, when its further messages are answered ``busy``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +100,7 @@ class Engine:
         self._overload = Overload(settings.overload_s)
         self._scans = Scans(locating)
         self._standings: dict[str, Standing] = {}
+        self._behind: dict[str, int] = {}
         self._tasks: list[Task] = []
         self._gathered_numbers: set[tuple[str, str, int]] = set()
         self._outbox = Outbox(hub, ledger, on_disk=settings.durability == "ack", tell=tell)
@@ -128,6 +135,8 @@ class Engine:
             "primary": self._speaker.primary,
             "scans": {"being located": self._scans.being_located, "given up": self.counts["scans given up"]},
             "rounds": self.counts["rounds"],
+            "put off": self.counts["put off"],
+            "mishaps": self.counts["mishaps"],
             "withheld": self._speaker.withheld,
             "overloads": self.counts["overloads"],
             "expired": self.counts["expired"],
@@ -188,6 +197,8 @@ class Engine:
         return items
 
     def _wait_s(self) -> float:
+        if self._behind and not self._outbox.full:
+            return 0.0
         next_ns = None if self._outbox.full else self._deadlines.next_ns()
         if next_ns is None:
             return _IDLE_S
@@ -198,13 +209,13 @@ class Engine:
         self.counts["rounds"] += 1
         for item in items:
             if isinstance(item, Command):
-                self._do_tasks()
+                self._do_tasks_now()
                 stops = obey(item, self._hub, self._replica, self._ledger, self._names, self.drain)
                 self._stopping = self._stopping or stops
             elif self._outbox.full:
                 self._hub.answer(item, Outcome.BUSY, self._outbox.full)
             else:
-                self._take_in(item)
+                self._take_in_safely(item)
         oldest_ns = None
         if not self._outbox.full:
             decided = self._scans.decided()
@@ -220,18 +231,46 @@ class Engine:
         self._watch(0 if oldest_ns is None else now_ns - oldest_ns, now_ns)
         self._after_round(self)
 
+    def _take_in_safely(self, item: Incoming) -> None:
+        """Take a message in; whatever is wrong with it, it costs nobody else anything."""
+        try:
+            self._take_in(item)
+        except (JournalError, PortError, EngineError, PluginError):
+            raise
+        except Exception as error:  # noqa: BLE001 - see above
+            self.counts["mishaps"] += 1
+            self._tell(f"a message of {item.event.device!r} could not be taken in: {type(error).__name__}: {error}")
+            self._hub.answer(item, Outcome.MALFORMED, f"{type(error).__name__}: {error}")
+
+    def _why_not(self, event: Event) -> str:
+        """Say why a device's message has to wait for what it sent before, if so."""
+        behind = self._behind.get(event.device, 0)
+        if behind > _MOST_BEHIND:
+            return f"{behind} ticks of this device wait to be folded"
+        if isinstance(event, Scan):
+            return self._scans.why_not(event.device)
+        return ""
+
     def _take_in(self, item: Incoming) -> None:
         event = item.event
         if isinstance(event, Hello):
             self._outbox.answer(item, Outcome.ACCEPTED)
             return
         if isinstance(event, Bye):
-            self._do_tasks()
+            self._do_tasks_now()
+            if behind := self._behind.get(event.device):
+                self.counts["put off"] += 1
+                self._hub.answer(item, Outcome.BUSY, f"{behind} ticks of this device wait to be folded")
+                return
             self._finish(event.device, "bye")
             self._outbox.answer(item, Outcome.ACCEPTED)
             return
         if event.seq > 0 and self._is_known(event):
             self._outbox.answer(item, Outcome.DUPLICATE)
+            return
+        if why := self._why_not(event):
+            self.counts["put off"] += 1
+            self._hub.answer(item, Outcome.BUSY, why)
             return
         if isinstance(event, Truth):
             self._speaker.contest.truth(event)
@@ -256,10 +295,22 @@ class Engine:
             if task.since_ns is not None and not isinstance(task.step, Drop) and not _only_waits(task.step):
                 since_ns = runs.get(task.device, (None, task.since_ns))[1]
                 runs[task.device] = None, min(since_ns, task.since_ns)
+        if self._behind:
+            # One of those who are behind at a time, so that the others wait for no more than that.
+            device = next(iter(self._behind))
+            self._behind[device] = self._behind.pop(device)
+            runs.setdefault(device, (None, now_ns))
         for device, tick, due_ns in self._deadlines.due(now_ns):
-            runs[device] = tick, min(due_ns, runs.get(device, (None, due_ns))[1])
-        self._tasks += [Task(Run(device=d, tick=tick), d, since_ns) for d, (tick, since_ns) in runs.items()]
+            # What a device that is behind sent was more than can be folded at once: that is no lateness of the loop.
+            since_ns = now_ns if device in self._behind else due_ns
+            runs[device] = tick, min(since_ns, runs.get(device, (None, since_ns))[1])
+        self._tasks += [Task(Run(device=d, tick=tick, most=_MOST_TICKS), d, since) for d, (tick, since) in runs.items()]
         return min((since_ns for _, since_ns in runs.values()), default=None)
+
+    def _do_tasks_now(self) -> None:
+        """Do what was gathered before the round is over; what was fed is run, for a snapshot may be asked for next."""
+        self._run_what_is_due(self._clock.monotonic_ns())
+        self._do_tasks()
 
     def _do_tasks(self) -> None:
         """Have the replica do what was gathered, and tell everybody what came of it."""
@@ -268,6 +319,8 @@ class Engine:
         for task, done in zip(tasks, self._replica.apply([task.step for task in tasks]), strict=True):
             if done.standing is not None:
                 self._standings[task.device] = done.standing
+            elif isinstance(task.step, Run) and task.device in self._standings:
+                self._forget(task.device)  # the kernel lost it
             if isinstance(task.step, Run):
                 self._ran(task, task.step, done)
             elif isinstance(task.step, Feed) and isinstance(task.step.event, Scan):
@@ -285,8 +338,11 @@ class Engine:
 
     def _ran(self, task: Task, run: Run, done: Done) -> None:
         standing = self._standings.get(task.device)
+        self._behind.pop(task.device, None)
         if standing is not None:
             self._deadlines.closed(task.device, standing.next_tick)
+            if standing.behind:
+                self._behind[task.device] = standing.behind
         if done.spoke:
             newest_ns = 0 if standing is None or standing.newest_ns is None else standing.newest_ns
             self._ledger.decision(run, task.device, newest_ns)
@@ -315,7 +371,11 @@ class Engine:
         self._ledger.decision(decision, device, 0)
         self._speaker.say(done.said, None)
         self._speaker.contest.finish(device)
-        del self._standings[device]
+        self._forget(device)
+
+    def _forget(self, device: str) -> None:
+        self._standings.pop(device, None)
+        self._behind.pop(device, None)
         self._deadlines.forget(device)
         self._hub.forget(device)
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 from tickfix.api import Event
 from tickfix.drivers.live.saying import Saying
 from tickfix.journal import JournalWriter, Kind
 from tickfix.ports import Hub
 from tickfix.wire.decisions import Decision, encode_decision
+
+_ROUNDS: Final = 1_000
+"""Rounds until a snapshot that could not be made is tried again."""
 
 
 class Ledger:
@@ -17,6 +21,9 @@ class Ledger:
     Args:
         journal: None keeps nothing, and only numbers.
         hub: through which others follow.
+
+    Attributes:
+        problem: why a new segment that is due could not be begun; empty when all is well.
     """
 
     def __init__(self, journal: JournalWriter | None, hub: Hub) -> None:
@@ -25,6 +32,8 @@ class Ledger:
         self._hub = hub
         self._number = 0
         self._followed: list[tuple[bytes, int, bytes]] = []
+        self._put_off = 0
+        self.problem = ""
 
     def event(self, event: Event, body: bytes) -> int:
         """Write down an event, whose canonical bytes are ``body``, and return its number."""
@@ -58,9 +67,24 @@ class Ledger:
         return self._number
 
     def cut(self, snapshot: Callable[[], bytes]) -> None:
-        """Begin a new segment where the journal wants one."""
-        if self._journal is not None and self._journal.wants_segment():
-            self._journal.new_segment(snapshot())
+        """Begin a new segment where the journal wants one; without a snapshot the old one goes on.
+
+        Raises:
+            JournalFull, JournalError: when the new segment cannot be written.
+        """
+        if self._journal is None or not self._journal.wants_segment():
+            return
+        if self._put_off > 0:
+            self._put_off -= 1
+            return
+        try:
+            kept = snapshot()
+        except Exception as error:  # noqa: BLE001 - the loop must not end for want of a shorter way to resume
+            self._put_off = _ROUNDS
+            self.problem = f"no snapshot could be made, so no new segment: {type(error).__name__}: {error}"
+            return
+        self.problem = ""
+        self._journal.new_segment(kept)
 
     def when_durable(self, number: int, then: Callable[[], None]) -> None:
         """Have ``then`` called once every record up to ``number`` is on the disk; at once without a journal."""
@@ -83,6 +107,7 @@ class Ledger:
             "records": self._journal.next_number - 1,
             "durable": self._journal.durable,
             "pending": self._journal.pending,
+            **({"problem": self.problem} if self.problem else {}),
         }
 
     def close(self) -> None:

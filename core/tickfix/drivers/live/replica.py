@@ -9,7 +9,7 @@ from tickfix.api import Event, Scan
 from tickfix.api.packing import pack, unpack
 from tickfix.drivers.live.folding import Books, Done, Feed, Step
 from tickfix.drivers.live.saying import Saying
-from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Output, Pipeline, Stage, Standing
+from tickfix.kernel import Failure, Kernel, KernelSettings, KernelSnapshot, Outcome, Output, Pipeline, Stage, Standing
 from tickfix.wire import decode_event, encode_event
 from tickfix.wire.decisions import Decision, Drop, Finish, Fold, Primary, Run
 
@@ -41,24 +41,33 @@ class Replica:
         settings: KernelSettings,
         *,
         on_call: Callable[[Stage | None], None] | None = None,
+        on_failure: Callable[[Failure], None] | None = None,
     ) -> None:
-        """Begin with nothing; ``on_call`` is told of every stage before it is called, and None after."""
-        self.kernel = Kernel(pipelines, settings, on_call=on_call)
+        """Begin with nothing.
+
+        Args:
+            on_call: told of every stage before it is called, and None after.
+            on_failure: told of every call that failed.
+        """
+        self.kernel = Kernel(pipelines, settings, on_call=on_call, on_failure=on_failure)
         self._waiting: dict[int, Scan] = {}
         self.primary = ""
 
     def apply(self, steps: Iterable[Step]) -> list[Done]:
         """Do the steps in their order and return what came of each; neighbouring runs are done together."""
         done: list[Done] = []
-        runs: dict[str, int | None] = {}
+        runs: list[Run] = []
+        devices: set[str] = set()
         for step in steps:
-            if isinstance(step, Run) and step.device not in runs:
-                runs[step.device] = step.tick
+            if isinstance(step, Run) and step.device not in devices and (not runs or runs[0].most == step.most):
+                runs.append(step)
+                devices.add(step.device)
                 continue
             done += self._run(runs)
-            runs = {}
+            runs, devices = [], set()
             if isinstance(step, Run):
-                runs[step.device] = step.tick
+                runs.append(step)
+                devices.add(step.device)
             elif isinstance(step, Feed):
                 outcome = self.event(step.number, step.event)
                 done.append(Done(outcome, standing=self.kernel.standing(step.event.device)))
@@ -76,7 +85,7 @@ class Replica:
     def decide(self, decision: Decision) -> tuple[Output, Outcome | None]:
         """Do what was decided; return what the kernel says to it, and what became of a scan that it spoke of."""
         if isinstance(decision, Run):
-            return self.kernel.run(decision.device, decision.tick), None
+            return self.kernel.run(decision.device, decision.tick, decision.most), None
         if isinstance(decision, Fold):
             scan = self._waiting.pop(decision.number, None)
             return Output(), None if scan is None else self.kernel.feed(scan)
@@ -126,11 +135,11 @@ class Replica:
             if isinstance(event, Scan):
                 self._waiting[number] = event
 
-    def _run(self, runs: Mapping[str, int | None]) -> list[Done]:
+    def _run(self, runs: Sequence[Run]) -> list[Done]:
         if not runs:
             return []
-        outputs = self.kernel.run_many(list(runs.items()))
-        return [self._said(device, output) for device, output in zip(runs, outputs, strict=True)]
+        outputs = self.kernel.run_many([(run.device, run.tick) for run in runs], runs[0].most)
+        return [self._said(run.device, output) for run, output in zip(runs, outputs, strict=True)]
 
     def _decided(self, decision: Decision) -> Done:
         scan = self._waiting.get(decision.number) if isinstance(decision, Fold) else None

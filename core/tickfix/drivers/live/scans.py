@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 from tickfix.api import Event, Scan
 from tickfix.drivers.live.locating import Located
 from tickfix.ports import Incoming
 from tickfix.wire.decisions import Drop, Fold
+
+_MOST_OF_DEVICE: Final = 256
+_MOST: Final = 4_096
 
 
 class Locating(Protocol):
@@ -62,6 +65,13 @@ class Scans:
         queue.append(number)
         if len(queue) == 1:
             self._locating.ask(number, scan)
+
+    def why_not(self, device: str) -> str:
+        """Say why no more scans of a device can wait now, if so."""
+        waiting = len(self._queues.get(device, ()))
+        if waiting >= _MOST_OF_DEVICE or len(self._waiting) >= _MOST:
+            return f"{waiting} scans of this device, {len(self._waiting)} in all wait to be located"
+        return ""
 
     def is_in_flight(self, event: Event) -> bool:
         """Tell whether a scan with this number waits."""

@@ -27,7 +27,7 @@ from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.status import Reporting, Status
 from tickfix.drivers.surveying import context_of
 from tickfix.journal import JournalLocked, JournalSettings, JournalWriter, Manifest
-from tickfix.kernel import Pipeline
+from tickfix.kernel import LOST, Failure, Pipeline
 from tickfix.kernel.probe import numeric_probe
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses, Hub, PortSettings, Said
@@ -104,7 +104,7 @@ def serve(
     if live.primary and live.primary not in names and live.primary not in left_out:
         raise EngineError(f"live.primary: found {live.primary!r}, expected one of {', '.join(names)}")
     beacon.introduce(pipelines)
-    replica = Replica(remembering(pipelines), order.config.kernel, on_call=beacon.calling)
+    replica = Replica(remembering(pipelines), order.config.kernel, on_call=beacon.calling, on_failure=_teller(tell))
     resumed = _resumed(order, replica, beacon, tell)
     run, shown = _names(resumed)
     notes = [f"pipeline {name} is left out: {why}" for name, why in left_out.items()]
@@ -141,6 +141,7 @@ def serve(
             hub.publish(_last_words(resumed, site.name, engine.report()["primary"], everyone=live.publish == "all"))
         control(engine)
         began(shown, addresses)
+        beacon.serving()
         with rare_full_collections():
             engine.serve()
         ending(engine)
@@ -159,6 +160,16 @@ def _resumed(order: Order, replica: Replica, beacon: Beacon, tell: Callable[[str
     for damage in resumed.damage:
         tell(f"journal: {damage}")
     return resumed
+
+
+def _teller(tell: Callable[[str], None]) -> Callable[[Failure], None]:
+    """Return what tells of a device that was lost; failures of stages are counted, and told with each estimate."""
+
+    def told(failure: Failure) -> None:
+        if failure.stage == LOST:
+            tell(f"a device had to be abandoned, please report this: {failure.detail}")
+
+    return told
 
 
 def _keys(own: Path | None) -> Keys | None:
