@@ -34,6 +34,7 @@ class Letter:
         device, seq: whose it is, and its number.
         body: the message.
         measurements: how many are in it: samples of each sensor count one by one.
+        is_scan: it tells of a scan.
     """
 
     at_ns: int
@@ -41,6 +42,7 @@ class Letter:
     seq: int
     body: bytes
     measurements: int
+    is_scan: bool
 
 
 @cache
@@ -66,6 +68,7 @@ def letters(device: str, walk: Recording, clock: Clock = lambda t_ns: t_ns) -> l
                 seq=seq,
                 body=from_event(told, ack=True),
                 measurements=len(t_ns) if isinstance(event, MotionSamples) else 1,
+                is_scan=isinstance(event, Scan),
             )
         )
     return found
@@ -108,10 +111,12 @@ class Post:
         while self.under_way:
             self._hear()
 
-    def play(self, script: Iterable[Letter]) -> None:
-        """Send letters in the order and at the pace of the script; between them, hear what is answered."""
+    def play(self, script: Iterable[Letter], over: Callable[[], bool] = lambda: False) -> None:
+        """Send letters at the pace of the script until it is over, and wait until each was answered."""
         began_ns = time.monotonic_ns()
         for letter in script:
+            if over():
+                break
             while (wait_ns := began_ns + letter.at_ns - time.monotonic_ns()) > 0:
                 if self._socket.poll(wait_ns // 1_000_000 + 1):
                     self._hear()
