@@ -49,8 +49,15 @@ class Process:
     changed: threading.Condition = field(default_factory=threading.Condition)
 
     def __post_init__(self) -> None:
-        for stream, take in ((self.popen.stdout, self._json), (self.popen.stderr, self.errors.append)):
-            threading.Thread(target=self._read, args=(stream, take), daemon=True).start()
+        streams = ((self.popen.stdout, self._json), (self.popen.stderr, self.errors.append))
+        self._readers = [threading.Thread(target=self._read, args=each, daemon=True) for each in streams]
+        for reader in self._readers:
+            reader.start()
+
+    def wait_until_read(self) -> None:
+        """Wait until all that an ended process has said is here."""
+        for reader in self._readers:
+            reader.join(PATIENCE_S)
 
     def wait_for(self, wanted: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
         """Return the first line that is wanted, waiting for it."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Self
@@ -32,16 +33,16 @@ class Letter:
         at_ns: when it is sent, ns since the script began.
         device, seq: whose it is, and its number.
         body: the message.
-        newest_ns: the newest true time at which something in it was measured, ns since the script began.
         measurements: how many are in it: samples of each sensor count one by one.
+        is_scan: it tells of a scan.
     """
 
     at_ns: int
     device: str
     seq: int
     body: bytes
-    newest_ns: int
     measurements: int
+    is_scan: bool
 
 
 @cache
@@ -66,8 +67,8 @@ def letters(device: str, walk: Recording, clock: Clock = lambda t_ns: t_ns) -> l
                 device=device,
                 seq=seq,
                 body=from_event(told, ack=True),
-                newest_ns=int(t_ns.max()) - began_ns,
                 measurements=len(t_ns) if isinstance(event, MotionSamples) else 1,
+                is_scan=isinstance(event, Scan),
             )
         )
     return found
@@ -110,6 +111,19 @@ class Post:
         while self.under_way:
             self._hear()
 
+    def play(self, script: Iterable[Letter], over: Callable[[], bool] = lambda: False) -> None:
+        """Send letters at the pace of the script until it is over, and wait until each was answered."""
+        began_ns = time.monotonic_ns()
+        for letter in script:
+            if over():
+                break
+            while (wait_ns := began_ns + letter.at_ns - time.monotonic_ns()) > 0:
+                if self._socket.poll(wait_ns // 1_000_000 + 1):
+                    self._hear()
+            self.send(letter)
+        while self.under_way:
+            self._hear()
+
     def send(self, letter: Letter) -> None:
         """Send one letter; wait only where too many are under way."""
         while self.under_way >= WINDOW or (self.under_way and self._socket.poll(0)):
@@ -144,11 +158,7 @@ def _clocked(event: Event, began_ns: int, clock: Clock) -> Event:
         sensors = {name: Samples(clock(s.t_ns - began_ns), s.values) for name, s in event.sensors.items()}
         return MotionSamples(sensors=sensors)
     if isinstance(event, Scan):
-        heard_ns = clock(event.heard_ns - began_ns)
-        return replace(event, heard_ns=heard_ns, t_ns=int(heard_ns.max()))
+        # A phone stamps all readings by the clock that it has when it reports them, also those heard before a step.
+        shift_ns = int(clock(_times(event) - began_ns)[0]) - event.t_ns
+        return replace(event, heard_ns=event.heard_ns + shift_ns, t_ns=event.t_ns + shift_ns)
     raise TypeError(f"no script has a {type(event).__name__}")
-
-
-def devices_of(script: Iterable[Letter]) -> Iterator[str]:
-    """Yield the devices of a script, each once."""
-    yield from dict.fromkeys(letter.device for letter in script)

@@ -14,7 +14,7 @@ import zmq
 from ports_lab import PATIENCE_MS, Loop, allow, free_ports, make_keys
 
 from tickfix.api import Belief, Estimate, Status
-from tickfix.client import Control, Keys, Listener, RefusedError, Sensor
+from tickfix.client import Control, Keys, Listener, NoAnswerError, RefusedError, Sensor, ShutOutError
 from tickfix.kernel import Outcome
 from tickfix.kernel.intake import Sequence
 from tickfix.ports import Hub
@@ -169,6 +169,39 @@ def test_keys_open_the_doors_they_are_for(context, tmp_path):
     assert shut_out.close() == 1
     engine.close()
     assert engine.counted == [1]
+
+
+def test_whoever_is_shut_out_is_told_why(context, tmp_path):
+    pairs = make_keys(tmp_path, "phone", "stranger")
+    allow(tmp_path, {"name": "phone", "key": pairs["phone"].public, "ports": ["positions"]})
+    guarded, open_to_all = Engine(free_ports(keys=tmp_path)), Engine(free_ports())
+    phone, stranger = (Keys.read(tmp_path / f"{name}.key", tmp_path / "engine.pub") for name in ("phone", "stranger"))
+    mistaken = Keys(phone.public, phone.secret, stranger.public)
+    told = {"context": context, "timeout_s": PATIENCE_S}
+    for keys, why in ((phone, "this key"), (stranger, "this key"), (None, "asks for a key, and none was given")):
+        with (
+            Control(guarded.addresses.control, keys=keys, **told) as control,
+            pytest.raises(ShutOutError, match=why),
+        ):
+            control.status()
+    for keys, why in ((stranger, "this key"), (None, "asks for a key")):
+        with (
+            Listener(guarded.addresses.positions, keys=keys, context=context) as listener,
+            pytest.raises(ShutOutError, match=why),
+        ):
+            listener.receive(PATIENCE_S)
+    with (
+        Control(open_to_all.addresses.control, keys=phone, **told) as control,
+        pytest.raises(ShutOutError, match="asks for none"),
+    ):
+        control.status()
+    with (
+        Control(guarded.addresses.control, keys=mistaken, context=context, timeout_s=2.0) as control,
+        pytest.raises(NoAnswerError, match=r"is engine\.pub the public key of this very engine"),
+    ):
+        control.status()
+    guarded.close()
+    open_to_all.close()
 
 
 @pytest.mark.skipif(NODE is None, reason="Node.js is not installed")

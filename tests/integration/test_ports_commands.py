@@ -136,7 +136,7 @@ def test_listen_prints_estimates_with_keys_that_the_command_made(
 
     assert "allows desk no longer" in tickfix("keys", "withdraw", "desk", "--folder", keys).stdout
     refused = tickfix("status", hub.addresses.control, "--timeout", 0.5, "--key", keys / "desk.key", code=2)
-    assert "does it let this client in" in refused.stderr
+    assert "the engine does not let this key in here; put it on the engine's allow-list" in refused.stderr
 
 
 def test_the_list_keeps_what_people_wrote_and_a_bad_entry_changes_nothing(tickfix: Command, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from tickfix.drivers.live.sending import send as send_walks
 from tickfix.drivers.recordings import find, read_all
 
 _CROWD_SEED = 3
+_SHOWN = 3
 
 
 def send(
@@ -50,14 +51,23 @@ def send(
     own = own_keys(key)
     with progress() as show:
         sent = send_walks(recordings, to, speed=speed, keys=own, stay=stay, progress=show)
+    failed = bool(sent.unknown or sent.refused)
     if as_json:
         print_json(_plain(sent))
-        return
+        raise typer.Exit(int(failed))
     console = stdout()
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in sorted(sent.outcomes.items()))
     console.print(f"{sent.messages} messages of {len(recordings)} devices, {sent.resent} sent again: {outcomes}")
     if sent.unknown:
-        console.print(f"{sent.unknown} were not acknowledged: is an engine running at {to}?")
+        why = sent.doubt or f"is an engine running at {to}?"
+        console.print(f"{sent.unknown} were not acknowledged: {why}")
+    for why, count in sent.refused.most_common(_SHOWN):
+        console.print(f"{count} were refused: {why}", soft_wrap=True)
+    if own is not None and sent.outcomes["unauthorised"]:
+        console.print(
+            "What a key may speak for stands in the engine's keys/allowed.toml: `tickfix keys allow --device`."
+        )
+    if failed:
         raise typer.Exit(1)
 
 
@@ -87,5 +97,6 @@ def _plain(sent: Sent) -> dict[str, object]:
         "resent": sent.resent,
         "outcomes": dict(sorted(sent.outcomes.items())),
         "unknown": sent.unknown,
+        "refused": dict(sent.refused.most_common(_SHOWN)),
         "behind_s": sent.behind_s,
     }

@@ -13,7 +13,7 @@ The protocol is in ``docs/wire-protocol.md``. No class here starts a thread, and
     print(Control("tcp://127.0.0.1:5573").status())
 """
 
-from tickfix.client.connection import VERSION, ClientError, Keys
+from tickfix.client.connection import VERSION, ClientError, Keys, ShutOutError
 from tickfix.client.control import Control, NoAnswerError, RefusedError
 from tickfix.client.listener import Listener
 from tickfix.client.sensor import OutboxFullError, Sensor
@@ -28,4 +28,5 @@ __all__ = [
     "OutboxFullError",
     "RefusedError",
     "Sensor",
+    "ShutOutError",
 ]

@@ -18,6 +18,10 @@ class ClientError(Exception):
     """Root of the errors of this package."""
 
 
+class ShutOutError(ClientError):
+    """The engine does not let this client in; the message says why, and what to do."""
+
+
 @dataclass(frozen=True, slots=True)
 class Keys:
     """CURVE keys, each 40 characters of Z85.

@@ -9,7 +9,18 @@ from typing import Any, Self
 
 import zmq
 
-from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, unpacked
+from tickfix.client.connection import (
+    VERSION,
+    ClientError,
+    Keys,
+    ShutOutError,
+    connect,
+    open_socket,
+    packed,
+    readable,
+    unpacked,
+)
+from tickfix.client.door import Door
 
 
 class NoAnswerError(ClientError, TimeoutError):
@@ -49,18 +60,19 @@ class Control:
         self._timeout_s = timeout_s
         self._clock = clock
         self._context = context
-        self._socket = self._open()
+        self._open()
 
     def request(self, what: str, **args: Any) -> Any:
         """Ask, and return what is answered; arguments as the protocol's page lists them.
 
         Raises:
             NoAnswerError: when there is none in time.
+            ShutOutError: when the engine does not let this client in.
             RefusedError: when the engine cannot do it, with its words.
         """
         self._socket.send(packed({"v": VERSION, "type": "request", "what": what, "args": args}))
         deadline_s = self._clock() + self._timeout_s
-        while self._socket.poll(int(max(0.0, 1000.0 * (deadline_s - self._clock()))) + 1):
+        while self._wait(deadline_s):
             answer = unpacked(self._socket.recv_multipart()[-1])
             if answer is None:
                 continue
@@ -72,11 +84,12 @@ class Control:
                     return answer.get("data")
                 raise RefusedError(f"{what}: {answer.get('data')}")
         # A late answer must not be taken for that of the next request: it dies with its socket.
-        self._socket.close()
-        self._socket = self._open()
+        doubt = self._door.doubt
+        self.close()
+        self._open()
         raise NoAnswerError(
-            f"{self._address}: no answer to {what!r} within {self._timeout_s:g} s; is an engine running there, "
-            "is this its control port, and does it let this client in?"
+            f"{self._address}: no answer to {what!r} within {self._timeout_s:g} s; "
+            + (doubt or "is an engine running there, and is this its control port?")
         )
 
     def status(self) -> Any:
@@ -125,7 +138,9 @@ class Control:
 
     def close(self) -> None:
         """Close the socket."""
-        self._socket.close()
+        if not self._socket.closed:
+            self._door.close()
+            self._socket.close()
 
     def __enter__(self) -> Self:
         """Return the control itself."""
@@ -137,7 +152,24 @@ class Control:
         """Close."""
         self.close()
 
-    def _open(self) -> zmq.Socket[bytes]:
-        socket = open_socket(zmq.DEALER, self._keys, self._context)
-        connect(socket, self._address)
-        return socket
+    def _open(self) -> None:
+        self._socket = open_socket(zmq.DEALER, self._keys, self._context)
+        self._door = Door(self._socket, self._keys)
+        try:
+            connect(self._socket, self._address)
+        except ClientError:
+            self._door.monitor.close()
+            raise
+
+    def _wait(self, deadline_s: float) -> bool:
+        """Wait for an answer; return whether there is one in time."""
+        poller = zmq.Poller()
+        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._door.monitor, zmq.POLLIN)
+        while not readable(self._socket):
+            if self._door.shut:
+                raise ShutOutError(f"{self._address}: {self._door.shut}")
+            if not poller.poll(int(max(0.0, 1000.0 * (deadline_s - self._clock()))) + 1):
+                return False
+            self._door.look()
+        return True

@@ -11,7 +11,8 @@ from urllib.parse import unquote
 
 import zmq
 
-from tickfix.client.connection import Keys, connect, open_socket, readable, unpacked
+from tickfix.client.connection import ClientError, Keys, ShutOutError, connect, open_socket, readable, unpacked
+from tickfix.client.door import Door
 
 _HEARTBEAT: Final = b"heartbeat"
 _MOST_STREAMS: Final = 100_000
@@ -80,7 +81,16 @@ class Listener:
         self._socket.setsockopt(zmq.RCVHWM, _QUEUED)
         for prefix in (*self._prefixes, _HEARTBEAT):
             self._socket.subscribe(prefix)
-        connect(self._socket, address)
+        self._address = address
+        self._door = Door(self._socket, keys)
+        self._poller = zmq.Poller()
+        self._poller.register(self._socket, zmq.POLLIN)
+        self._poller.register(self._door.monitor, zmq.POLLIN)
+        try:
+            connect(self._socket, address)
+        except ClientError:
+            self._door.monitor.close()
+            raise
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Go through estimates as they come, until ``timeout_s`` passed without one."""
@@ -88,7 +98,11 @@ class Listener:
             yield estimate
 
     def receive(self, timeout_s: float | None = None) -> dict[str, Any] | None:
-        """Return the next estimate, or None when there was none within ``timeout_s``; None waits for ever."""
+        """Return the next estimate, or None when there was none within ``timeout_s``; None waits for ever.
+
+        Raises:
+            ShutOutError: when the engine does not let this client in.
+        """
         deadline_s = None if timeout_s is None else self._clock() + timeout_s
         while True:
             if not readable(self._socket):
@@ -104,7 +118,9 @@ class Listener:
 
     def close(self) -> None:
         """Close the socket."""
-        self._socket.close()
+        if not self._socket.closed:
+            self._door.close()
+            self._socket.close()
 
     def __enter__(self) -> Self:
         """Return the listener itself."""
@@ -117,10 +133,13 @@ class Listener:
         self.close()
 
     def _wait(self, deadline_s: float | None) -> None:
-        """Wait for a message, the deadline, or the silence that is to be told."""
+        """Wait for a message, the deadline, the silence that is to be told, or news of the connection."""
         silence_s = None if self._silent else self._heard_s + self._silence_s
         ends_s = [end_s for end_s in (deadline_s, silence_s) if end_s is not None]
-        self._socket.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
+        self._poller.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
+        self._door.look()
+        if self._door.shut:
+            raise ShutOutError(f"{self._address}: {self._door.shut}")
 
     def _watch(self, now_s: float) -> None:
         silence_s = now_s - self._heard_s

@@ -11,10 +11,10 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 import zmq
-from zmq.utils.monitor import parse_monitor_message
 
 from tickfix.client.arrays import float64s, int64s
 from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, readable, unpacked
+from tickfix.client.door import Door
 from tickfix.client.outbox import Outbox
 
 NOT_TAKEN: Final = frozenset({"busy", "throttled"})
@@ -54,6 +54,7 @@ class Sensor:
         sent, resent: messages that went out for the first time, and again.
         welcome: what the engine answered to ``hello``, None before.
         refused: why the engine refused a ``hello``, or messages it did not look into; empty after a ``welcome``.
+        door: tells whether the engine lets this client in at all: ``door.shut`` and ``door.doubt`` say why not.
     """
 
     def __init__(
@@ -93,22 +94,20 @@ class Sensor:
         self._on_drop = on_drop
         self._clock = clock
         self._hello: dict[str, Any] = {"sensors": {}, "software": "tickfix.client", "clock": ""}
-        self._connected = False
         self._greets = greets
         self._left = False
         self._greet = greets
         self._socket = open_socket(zmq.DEALER, keys, context)
         # Nothing waits in a queue of libzmq for a connection: what waits, waits in the outbox.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
-        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED)
-        self._monitor.linger = 0
+        self.door = Door(self._socket, keys)
         self._poller = zmq.Poller()
         self._poller.register(self._socket, zmq.POLLIN)
-        self._poller.register(self._monitor, zmq.POLLIN)
+        self._poller.register(self.door.monitor, zmq.POLLIN)
         try:
             connect(self._socket, address)
         except ClientError:
-            self._monitor.close()
+            self.door.monitor.close()
             raise
 
     @property
@@ -209,7 +208,7 @@ class Sensor:
     def close(self) -> int:
         """Close at once; return the number of messages whose fate stays unknown. :meth:`flush` first to have none."""
         if not self._socket.closed:
-            self._close_monitor()
+            self.door.close()
             self._socket.close()
         return len(self._outbox)
 
@@ -256,18 +255,15 @@ class Sensor:
 
     def _hear(self) -> None:
         """Read what has come."""
-        while readable(self._monitor):
-            event = parse_monitor_message(self._monitor.recv_multipart())["event"]
-            self._connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
-            if self._connected:
-                self._greet = self._greets
-                self._outbox.all_due()
+        if self.door.look():
+            self._greet = self._greets
+            self._outbox.all_due()
         while readable(self._socket):
             self._take(self._socket.recv_multipart()[-1])
 
     def _say(self) -> None:
         """Greet on a new connection, and send what is due."""
-        if not self._connected:
+        if not self.door.connected:
             return
         with contextlib.suppress(zmq.Again):
             if self._greet:
@@ -304,10 +300,6 @@ class Sensor:
         self._outbox.forget(seq)
         if self._on_outcome is not None:
             self._on_outcome(seq, outcome, _reason(message))
-
-    def _close_monitor(self) -> None:
-        self._socket.disable_monitor()
-        self._monitor.close()
 
 
 def _reason(answer: Mapping[str, Any]) -> str:

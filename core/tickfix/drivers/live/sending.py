@@ -12,10 +12,12 @@ from typing import Final
 import zmq
 
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Recording, Scan, Truth
-from tickfix.client import Keys, Sensor
+from tickfix.client import Keys, Sensor, ShutOutError
 
 _PATIENCE_S: Final = 60.0
 _LULL_S: Final = 0.02
+_LOOK_S: Final = 0.25
+_REFUSED: Final = frozenset({"unauthorised", "malformed", "unknown"})
 _WINDOW: Final = 2_000
 """Messages of a device that may wait for their acknowledgement before it pauses."""
 
@@ -28,6 +30,8 @@ class Sent:
         messages: sent for the first time; ``resent`` counts repetitions.
         outcomes: acknowledgements by outcome; ``busy`` and ``throttled`` ones were sent again.
         unknown: messages whose fate is not known.
+        refused: why the engine took messages for none of its own, and how many.
+        doubt: why none may have come through; empty where all is well.
         behind_s: how far sending fell behind the pace, at most.
     """
 
@@ -35,6 +39,8 @@ class Sent:
     resent: int = 0
     outcomes: Counter[str] = field(default_factory=Counter)
     unknown: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+    doubt: str = ""
     behind_s: float = 0.0
 
 
@@ -61,24 +67,28 @@ def send(
         progress: told how many messages of how many were sent.
 
     Raises:
-        ClientError: for an address that cannot be, or when the engine refuses the devices.
+        ClientError: for an address that cannot be.
+        ShutOutError: when the engine does not let this sender in.
     """
+
+    def done(_: int, outcome: str, detail: str) -> None:
+        if outcome in _REFUSED:
+            sent.refused[detail] += 1
+
     events = {device: _in_order(walk.events, truth=truth) for device, walk in walks.items()}
     sent = Sent()
     context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
     context.set(zmq.MAX_SOCKETS, 3 * len(walks) + 64)
-    sensors = {device: Sensor(address, device, keys=keys, context=context) for device in walks}
+    sensors = {device: Sensor(address, device, keys=keys, context=context, on_outcome=done) for device in walks}
     try:
         for device, sensor in sensors.items():
             sensor.hello(_rates(walks[device].events), clock="recording")
-        _play(events, sensors, sent, speed, progress, clock, sleep)
+        _play(events, sensors, address, sent, speed, progress, clock, sleep)
         for sensor in sensors.values():
-            if stay:
-                sensor.flush(_PATIENCE_S)
-            else:
-                sensor.bye(_PATIENCE_S)
+            _finish(sensor, address, clock, stay=stay)
     finally:
         for sensor in sensors.values():
+            sent.doubt = sent.doubt or sensor.door.doubt
             sent.resent += sensor.resent
             sent.outcomes += sensor.outcomes
             sent.unknown += sensor.close()
@@ -89,6 +99,7 @@ def send(
 def _play(
     events: Mapping[str, list[Event]],
     sensors: Mapping[str, Sensor],
+    address: str,
     sent: Sent,
     speed: float,
     progress: Callable[[str, int, int], None],
@@ -115,11 +126,24 @@ def _play(
         sensor, queue = sensors[device], events[device]
         while sensor.unacknowledged > _WINDOW:
             sensor.flush(0.05)
+            _check(sensor, address)
         _send(sensor, queue[n])
         sent.messages += 1
         progress("sending", sent.messages, total)
         if n + 1 < len(queue):
             heapq.heappush(turns, ((queue[n + 1].arrival_ns - first[device]) * pace, device, n + 1))
+
+
+def _finish(sensor: Sensor, address: str, clock: Callable[[], float], *, stay: bool) -> None:
+    """Wait until all was acknowledged, and say goodbye, as long as there is hope and patience."""
+    until_s = clock() + _PATIENCE_S
+    while not (sensor.flush(_LOOK_S) if stay else sensor.bye(_LOOK_S)) and clock() < until_s:
+        _check(sensor, address)
+
+
+def _check(sensor: Sensor, address: str) -> None:
+    if sensor.door.shut:
+        raise ShutOutError(f"{address}: {sensor.door.shut}")
 
 
 def _in_order(events: Sequence[Event], *, truth: bool) -> list[Event]:
