@@ -273,7 +273,7 @@ def latencies(
 
 
 def used_by(pid: int) -> tuple[int, float]:
-    """Return what a process and its workers use (Linux): memory that is not shared, KiB, and processor time taken, s."""
+    """Return what a process and its workers use: memory, KiB, shared pages once, and processor time, s (Linux)."""
     workers = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     pss_kb, ticks = 0, 0
     for process in (pid, *workers):
