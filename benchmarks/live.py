@@ -1,6 +1,6 @@
 """What an engine keeps up with: `tickfix serve` as a process, simulated phones and a listener on real sockets.
 
-    python benchmarks/live.py [--pipeline NAME ...] [--devices N] [--seconds S] [--journal DIR]
+    python benchmarks/live.py [--pipeline NAME ...] [--devices N] [--seconds S] [--workers N] [--journal DIR]
 
 Every phone sends four sensors at 50 Hz in five batches a second and a scan every few seconds, one in twenty of them
 1.4 s late. A batch leaves at the instant of its last sample and closes one tick. Latency is from the instant at which
@@ -273,11 +273,15 @@ def latencies(
 
 
 def used_by(pid: int) -> tuple[int, float]:
-    """Return a process's resident memory in KiB and the processor time it has taken, in s (Linux)."""
-    status = Path(f"/proc/{pid}/status").read_text()
-    rss_kb = int(next(line for line in status.splitlines() if line.startswith("VmRSS:")).split()[1])
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return rss_kb, (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    """Return what a process and its workers use: memory, KiB, shared pages once, and processor time, s (Linux)."""
+    workers = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    pss_kb, ticks = 0, 0
+    for process in (pid, *workers):
+        rollup = Path(f"/proc/{process}/smaps_rollup").read_text()
+        pss_kb += int(next(line for line in rollup.splitlines() if line.startswith("Pss:")).split()[1])
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        ticks += int(fields[11]) + int(fields[12])
+    return pss_kb, ticks / os.sysconf("SC_CLK_TCK")
 
 
 def show(result: Result) -> None:
@@ -305,6 +309,7 @@ def main() -> None:
     parser.add_argument("--pipeline", action="append", choices=PIPELINES, help="only this one")
     parser.add_argument("--devices", type=int, help="this many, and no search for the most")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of the first run, at most 60")
+    parser.add_argument("--workers", type=int, default=0, help="processes that fold; 0: the engine's own does")
     parser.add_argument("--journal", type=Path, help="folder on the disk that matters")
     chosen = parser.parse_args()
     if not 2 * WARM_UP / TICKS_S <= chosen.seconds <= 60:
@@ -313,7 +318,7 @@ def main() -> None:
     print(f"{machine}, load average {os.getloadavg()[0]:.1f} before the start")
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "live.toml"
-        settings.write_text(SETTINGS)
+        settings.write_text(f"{SETTINGS}[live]\nworkers = {chosen.workers}\n")
         pipelines = config.load(settings, discover()).pipelines
         world = demo(seed=0)
         recordings = [walk.recording for walk in world.survey]

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
 from typing import Any, Final, TypeVar
@@ -22,6 +23,13 @@ _ARRAY: Final = 1
 _DATACLASS: Final = 2
 _DTYPES: Final = frozenset("biuf")
 _SIMPLE: Final = frozenset({float, int, bool, str, bytes, type(None)})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packed:
+    """Stands, in what is packed, for the dataclass or array that was packed to these bytes before."""
+
+    data: bytes
 
 
 def pack(state: Any) -> bytes:
@@ -103,6 +111,8 @@ def _reduce(value: Any) -> Any:
         return msgpack.ExtType(_ARRAY, msgpack.packb([little.dtype.str, list(value.shape), little.tobytes()]))
     if isinstance(value, tuple):
         return [_reduce(item) for item in value]
+    if isinstance(value, Packed):
+        return msgpack.unpackb(value.data)  # to its type and bytes: what is in them stays as it is
     if (within := values_within(value.__class__)) is not None:
         fields = [_reduce(item) for item in within(value)]
         return msgpack.ExtType(_DATACLASS, msgpack.packb([type(value).__qualname__, *fields], use_bin_type=True))

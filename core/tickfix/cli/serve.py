@@ -18,6 +18,7 @@ from tickfix.cli.replay import PipelineNames, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
 from tickfix.drivers.live.beacon import Beacon
+from tickfix.drivers.live.errors import WorkerError
 from tickfix.drivers.live.serving import Order, Runnable, resumable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
@@ -136,7 +137,7 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
     except (TickfixError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
         # What cannot begin is for people to mend; what breaks while it runs is worth another try.
-        return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
+        return CRASHED if running and isinstance(error, PortError | JournalError | WorkerError | OSError) else 2
     return 0
 
 

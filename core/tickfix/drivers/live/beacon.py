@@ -1,6 +1,7 @@
 """Signs of life of an engine, in memory shared with its supervisor: when it last went round, and in which stage.
 
-Writing one costs some hundred nanoseconds, so every call of a stage leaves its mark.
+Writing one costs some hundred nanoseconds, so every call of a stage leaves its mark. Each worker of an engine has a
+place of its own; while it rests it owes no sign.
 """
 
 from __future__ import annotations
@@ -9,24 +10,32 @@ import json
 import mmap
 import struct
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from tickfix.kernel import Pipeline, Stage
 
-_HEAD: Final = struct.Struct("<qi")  # time of the last sign, place of the stage in the list
-_SERVES: Final = 16
+_SIGN: Final = struct.Struct("<qi4x")  # time of the last sign, 0 for a worker at rest; place of the stage in the list
 _SIZE: Final = 1 << 16
-_NAMES: Final = 64
+WORKERS: Final = 64
+_SERVES: Final = _SIGN.size * (1 + WORKERS)
+_NAMES: Final = _SERVES + 1
 
 
 class Beacon:
-    """Shared by two processes, the second of which was forked from the first."""
+    """Shared by processes that were forked from the one that made it.
 
-    def __init__(self) -> None:
+    Args:
+        memory: another beacon's; None makes a new one.
+        places: the other's, of stages in their list.
+        at: where in the memory the signs are left.
+    """
+
+    def __init__(self, memory: mmap.mmap | None = None, places: Mapping[str, int] | None = None, at: int = 0) -> None:
         """Begin with a sign of life and no stage."""
-        self._memory = mmap.mmap(-1, _SIZE)
-        self._places: dict[str, int] = {}
+        self._memory = mmap.mmap(-1, _SIZE) if memory is None else memory
+        self._places = {} if places is None else places
+        self._at = at
         self.alive()
 
     def begin(self) -> None:
@@ -34,9 +43,19 @@ class Beacon:
         self._memory[_SERVES] = 0
         self.alive()
 
+    def of_worker(self, n: int) -> Beacon:
+        """Return the beacon of the worker with this number, counted from 0, in the same memory."""
+        if not 0 <= n < WORKERS:
+            raise ValueError(f"worker: found {n}, expected 0 to {WORKERS - 1}")
+        return Beacon(self._memory, self._places, _SIGN.size * (1 + n))
+
     def alive(self) -> None:
         """Leave a sign of life; no stage is being called."""
-        _HEAD.pack_into(self._memory, 0, time.monotonic_ns(), -1)
+        _SIGN.pack_into(self._memory, self._at, time.monotonic_ns(), -1)
+
+    def rest(self) -> None:
+        """Nothing is to be done: no sign is owed until the next one."""
+        _SIGN.pack_into(self._memory, self._at, 0, -1)
 
     def serving(self) -> None:
         """Leave a sign that the engine has begun to serve."""
@@ -44,7 +63,9 @@ class Beacon:
         self.alive()
 
     def introduce(self, pipelines: Iterable[Pipeline]) -> None:
-        """Write down the stages that may be called."""
+        """Write down the stages that may be called, before there is any worker."""
+        for n in range(WORKERS):
+            self.of_worker(n).rest()
         stages: dict[str, str] = {}
         needed: dict[str, list[str]] = {}
         for pipeline in pipelines:
@@ -60,21 +81,21 @@ class Beacon:
     def calling(self, stage: Stage | None) -> None:
         """Leave a sign that ``stage`` is called now; None means that it has come back."""
         place = -1 if stage is None else self._places.get(stage.key, -1)
-        _HEAD.pack_into(self._memory, 0, time.monotonic_ns(), place)
+        _SIGN.pack_into(self._memory, self._at, time.monotonic_ns(), place)
 
     @property
     def silence_s(self) -> float:
-        """How long there was no sign."""
-        last_ns: int = _HEAD.unpack_from(self._memory, 0)[0]
-        return (time.monotonic_ns() - last_ns) * 1e-9
+        """How long there was no sign; while the loop waits for its workers, of the one that is silent for longest."""
+        last_ns, *busy_ns = (signed_ns for signed_ns, _ in self._signs() if signed_ns)
+        return (time.monotonic_ns() - max(last_ns, min(busy_ns, default=0))) * 1e-9
 
     @property
     def stage(self) -> tuple[str, str] | None:
-        """Key and label of the stage that was called last, None if it came back."""
-        place = _HEAD.unpack_from(self._memory, 0)[1]
-        if place < 0:
+        """Key and label of the stage that was called last by whom nothing was heard since; None if it came back."""
+        called = min(((signed_ns, place) for signed_ns, place in self._signs() if place >= 0), default=None)
+        if called is None:
             return None
-        key, label = self._introduced()["stages"][place]
+        key, label = self._introduced()["stages"][called[1]]
         return key, label
 
     @property
@@ -89,3 +110,7 @@ class Beacon:
     def _introduced(self) -> dict[str, Any]:
         found: dict[str, Any] = json.loads(self._memory[_NAMES:].split(b"\0", 1)[0])
         return found
+
+    def _signs(self) -> list[tuple[int, int]]:
+        """Return time and stage of the last sign of the loop and of each worker."""
+        return list(_SIGN.iter_unpack(self._memory[:_SERVES]))

@@ -7,3 +7,7 @@ from tickfix.api import TickfixError
 
 class EngineError(TickfixError):
     """An engine that cannot begin or go on."""
+
+
+class WorkerError(EngineError):
+    """A worker process of an engine is gone, and with it what it had folded; the journal has all of it."""

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
@@ -16,18 +17,22 @@ from tickfix.client import Keys
 from tickfix.config import Config, build
 from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.collecting import rare_full_collections
+from tickfix.drivers.live.crew.crew import Crew
+from tickfix.drivers.live.crew.worker import Worker
 from tickfix.drivers.live.engine import Engine
 from tickfix.drivers.live.errors import EngineError
+from tickfix.drivers.live.folding import Folding
 from tickfix.drivers.live.following import Follower, Leader
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.locating import Locator, remembering
 from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.resuming import Resumed, manifest_of, resume
+from tickfix.drivers.live.scans import Locating
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.status import Reporting, Status
 from tickfix.drivers.surveying import context_of
 from tickfix.journal import JournalLocked, JournalSettings, JournalWriter, Manifest
-from tickfix.kernel import LOST, Failure, Pipeline
+from tickfix.kernel import LOST, Failure, KernelSettings, Pipeline
 from tickfix.kernel.probe import numeric_probe
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses, Hub, PortSettings, Said
@@ -104,7 +109,10 @@ def serve(
     if live.primary and live.primary not in names and live.primary not in left_out:
         raise EngineError(f"live.primary: found {live.primary!r}, expected one of {', '.join(names)}")
     beacon.introduce(pipelines)
-    replica = Replica(remembering(pipelines), order.config.kernel, on_call=beacon.calling, on_failure=_teller(tell))
+    crew = _crew(live, pipelines, order.config.kernel, beacon)
+    replica: Folding = crew or Replica(
+        remembering(pipelines), order.config.kernel, on_call=beacon.calling, on_failure=_teller(tell)
+    )
     resumed = _resumed(order, replica, beacon, tell)
     run, shown = _names(resumed)
     notes = [f"pipeline {name} is left out: {why}" for name, why in left_out.items()]
@@ -129,11 +137,9 @@ def serve(
                 followed, replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
             )
         else:
-            locator = Locator(
-                replica.kernel.questions, hub.wake, threads=live.locators, timeout_s=live.locate_timeout_s
-            )
+            locating = _locating(replica, live, hub.wake)
             engine = Engine(
-                replica, locator, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
+                replica, locating, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
             )
         engine.adopt()
         status.look(engine)
@@ -149,9 +155,33 @@ def serve(
         hub.stop()
         if writer is not None:
             writer.close()
+        if crew is not None:
+            crew.close()
 
 
-def _resumed(order: Order, replica: Replica, beacon: Beacon, tell: Callable[[str], None]) -> Resumed | None:
+def _crew(live: LiveSettings, pipelines: Sequence[Pipeline], kernel: KernelSettings, beacon: Beacon) -> Crew | None:
+    """Share the devices out among processes where the settings want it; this one must have no other thread yet."""
+    if not live.workers:
+        return None
+
+    def work(n: int, line: Connection, notices: Connection) -> None:
+        own = beacon.of_worker(n)
+        replica = Replica(remembering(pipelines), kernel, on_call=own.calling)
+        worker = Worker(replica, line, notices, own, threads=live.locators, timeout_s=live.locate_timeout_s)
+        with rare_full_collections():
+            worker.serve()
+
+    return Crew(live.workers, work)
+
+
+def _locating(replica: Folding, live: LiveSettings, wake: Callable[[], None]) -> Locating:
+    if isinstance(replica, Crew):
+        return replica.locating(wake)
+    assert isinstance(replica, Replica)  # noqa: S101 - one or the other
+    return Locator(replica.kernel.questions, wake, threads=live.locators, timeout_s=live.locate_timeout_s)
+
+
+def _resumed(order: Order, replica: Folding, beacon: Beacon, tell: Callable[[str], None]) -> Resumed | None:
     if not order.resume:
         return None
     if order.journal is None:
@@ -186,7 +216,7 @@ def _names(resumed: Resumed | None) -> tuple[str, str]:
 
 
 def _written(
-    order: Order, registry: Registry, run: str, resumed: Resumed | None, replica: Replica
+    order: Order, registry: Registry, run: str, resumed: Resumed | None, replica: Folding
 ) -> JournalWriter | None:
     """Open the journal; a run that goes on begins with a snapshot of where it stood."""
     if order.journal is None:

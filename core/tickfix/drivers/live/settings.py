@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from tickfix.drivers.live.beacon import WORKERS
+
 Positive = Annotated[float, Meta(gt=0)]
 
 
@@ -26,8 +28,9 @@ class LiveSettings:
             are folded together; a position waits for half of it on the average.
         durability: with ``ack`` an acknowledgement waits until its event is on the disk. With ``interval`` it waits
             only until its event survives this process; a loss of power may cost the last ``journal.sync_ms``.
+        workers: processes that fold, each the devices that are its own; 0 folds in the engine's process.
         locate_timeout_s: a scan that is not located by then is given up.
-        locators: threads that locate scans.
+        locators: threads that locate scans, in each process that folds.
         overload_s: the loop is overloaded when it has been late by more than this for as long.
         watchdog_s: an engine that shows no sign of life for so long is restarted without the stage that it hangs in.
     """
@@ -40,6 +43,7 @@ class LiveSettings:
     overrun: Literal["each", "newest", "fail"] = "each"
     round_ms: Annotated[float, Meta(ge=0, le=100)] = 5.0
     durability: Literal["interval", "ack"] = "interval"
+    workers: Annotated[int, Meta(ge=0, le=WORKERS)] = 0
     locate_timeout_s: Positive = 5.0
     locators: Annotated[int, Meta(ge=1, le=64)] = 1
     overload_s: Positive = 1.0

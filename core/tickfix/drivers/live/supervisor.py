@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 import time
 import traceback
 from collections import Counter
@@ -21,6 +20,7 @@ from typing import Final
 
 from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.errors import EngineError
+from tickfix.drivers.live.lifeline import die_with
 from tickfix.drivers.live.serving import Order
 
 _LOOK_S: Final = 0.05
@@ -188,7 +188,7 @@ def _start(order: Order, engine: Callable[[Order, Beacon], int], beacon: Beacon)
     try:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, signal.SIG_DFL)
-        threading.Thread(target=_die_with, args=(ours,), name="tickfix-lifeline", daemon=True).start()
+        die_with(ours)
         code = engine(order, beacon)
     except Exception:  # noqa: BLE001 - this process ends here, and the supervisor starts another
         traceback.print_exc()
@@ -196,12 +196,6 @@ def _start(order: Order, engine: Callable[[Order, Beacon], int], beacon: Beacon)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
-
-
-def _die_with(lifeline: int) -> None:
-    """End this process as soon as the supervisor is gone, however it went."""
-    os.read(lifeline, 1)
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _wait(child: _Child, beacon: Beacon, silence_s: float) -> int:

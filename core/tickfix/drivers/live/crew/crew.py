@@ -1,0 +1,204 @@
+"""The crew: for the loop a replica like any other; within, every device is folded by the worker that it belongs to."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from hashlib import blake2b
+from multiprocessing.connection import Connection
+from typing import Final
+
+from tickfix.api import Event, Scan
+from tickfix.drivers.live.crew.member import Member
+from tickfix.drivers.live.crew.messages import (
+    DONE,
+    LOADED,
+    SAVED,
+    TALLIES,
+    Apply,
+    Count,
+    Decide,
+    Enter,
+    Entry,
+    Forget,
+    Leave,
+    Load,
+    Save,
+    Tally,
+    encode,
+)
+from tickfix.drivers.live.crew.notices import Notices
+from tickfix.drivers.live.crew.roll import Roll
+from tickfix.drivers.live.crew.snapshots import merged, split
+from tickfix.drivers.live.errors import WorkerError
+from tickfix.drivers.live.folding import Books, Done, Feed, Step
+from tickfix.kernel import Standing
+from tickfix.wire import encode_event
+from tickfix.wire.decisions import Finish, encode_decision
+
+_COUNT: Final = encode(Count())
+_SAVE: Final = encode(Save())
+
+
+class Crew:
+    """Worker processes, each with the devices that are its own.
+
+    What is asked of several workers is sent to all of them before the first answer is awaited: it takes as long as the
+    slowest of them.
+
+    Args:
+        workers: how many.
+        work: is worker number n, in a process of its own: see :class:`Member`. Processes are forked, so there should be
+            no other thread yet.
+    """
+
+    def __init__(self, workers: int, work: Callable[[int, Connection, Connection], None]) -> None:
+        """Start the workers."""
+        self._members: list[Member] = []
+        for n in range(workers):
+            member = Member(n, lambda line, notices, n=n: work(n, line, notices), self._members)  # type: ignore[misc]
+            self._members.append(member)
+        self._roll = Roll()
+        self._standings: dict[str, Standing] = {}
+        self._tallies = [Tally({}, 0, {})] * workers
+        self._uncounted: set[int] = set()
+        self._notices: Notices | None = None
+
+    @property
+    def primary(self) -> str:
+        """The pipeline that is published; empty means that none was chosen."""
+        return self._roll.primary
+
+    @property
+    def waiting(self) -> Mapping[int, Scan]:
+        """Scans that no decision has spoken of yet, by the number of their record."""
+        return self._roll.waiting
+
+    def apply(self, steps: Sequence[Step]) -> list[Done]:
+        """Do the steps in their order and return what came of each.
+
+        Raises:
+            WorkerError: when a worker is gone.
+        """
+        if self._notices is not None:
+            self._notices.check()
+        entries = [list[Entry]() for _ in self._members]
+        places = [list[int]() for _ in self._members]
+        devices: list[str | None] = []
+        for place, step in enumerate(steps):
+            device, forgotten = self._roll.enter(step)
+            devices.append(device)
+            if device is not None:
+                n = self._owner(device)
+                entries[n].append(_entry(step))
+                places[n].append(place)
+            for gone in forgotten:
+                entries[self._owner(gone)].append(Forget(gone))
+        asked = {n: encode(Apply(part)) for n, part in enumerate(entries) if part}
+        done = [Done()] * len(steps)
+        for n, answer in self._ask(asked).items():
+            for place, came in zip(places[n], DONE.decode(answer), strict=True):
+                done[place] = came
+        for step, device, came in zip(steps, devices, done, strict=True):
+            if device is not None and came.standing is not None:
+                self._standings[device] = came.standing
+            elif isinstance(step, Finish):
+                self._standings.pop(step.device, None)
+        self._uncounted |= asked.keys()
+        return done
+
+    def repeats(self, event: Event) -> bool:
+        """Tell whether the event would be a duplicate by its number, without taking note of it."""
+        return self._roll.sessions.repeats(event)
+
+    def standings(self) -> Mapping[str, Standing]:
+        """Return how far each device has come."""
+        return self._standings
+
+    def books(self) -> Books:
+        """Return the counters as they are now; only workers that did something since the last time are asked."""
+        for n, answer in self._ask(dict.fromkeys(sorted(self._uncounted), _COUNT)).items():
+            self._tallies[n] = TALLIES.decode(answer)
+        self._uncounted.clear()
+        return Books(
+            devices=len(self._roll.followed),
+            measurements=_summed(tally.measurements for tally in self._tallies),
+            missing=sum(tally.missing for tally in self._tallies),
+            failures=_summed(tally.failures for tally in self._tallies),
+        )
+
+    def snapshot(self) -> bytes:
+        """Return all of it as the bytes that one replica would give; every device must have been run since it was fed.
+
+        Raises:
+            WorkerError: when a worker is gone.
+        """
+        answers = self._ask(dict.fromkeys(range(len(self._members)), _SAVE))
+        return merged([SAVED.decode(answer) for answer in answers.values()], self._roll)
+
+    def restore(self, data: bytes) -> None:
+        """Become what the bytes say, whoever they are from.
+
+        Raises:
+            ValueError: when they are no snapshot, or one of a run with other settings.
+            WorkerError: when a worker is gone.
+        """
+        parts = split(data, self._roll, len(self._members), self._owner)
+        answers = self._ask({n: encode(Load(part)) for n, part in enumerate(parts)})
+        found: dict[str, Standing] = {}
+        for loaded in map(LOADED.decode, answers.values()):
+            if loaded.refused:
+                raise ValueError(loaded.refused)
+            found |= loaded.standings
+        self._standings = {device: found[device] for device in self._roll.followed}
+        self._uncounted = set(answers)
+
+    def locating(self, wake: Callable[[], None]) -> Notices:
+        """Return whoever locates scans: each worker those of its devices, beside its folding.
+
+        Args:
+            wake: called, from another thread, when one is done, or a worker is gone.
+        """
+        self._notices = Notices(self._members, self._owner, wake)
+        return self._notices
+
+    def close(self) -> None:
+        """End the workers and wait for them."""
+        for member in self._members:
+            with suppress(WorkerError):
+                member.ask(encode(Leave()))
+        if self._notices is not None:
+            self._notices.join()
+        for member in self._members:
+            member.join()
+
+    def _owner(self, device: str) -> int:
+        return owner(device, len(self._members))
+
+    def _ask(self, requests: Mapping[int, bytes]) -> dict[int, bytes]:
+        # Nobody waits for the other for ever: a worker reads all of a request before it writes, and has one at a time.
+        for n, request in requests.items():
+            self._members[n].ask(request)
+        return {n: self._members[n].answer() for n in requests}
+
+
+@lru_cache(maxsize=65_536)
+def owner(device: str, workers: int) -> int:
+    """Return the number of the worker that a device belongs to."""
+    digest = blake2b(device.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+    return int.from_bytes(digest, "little") % workers
+
+
+def _entry(step: Step) -> Entry:
+    if isinstance(step, Feed):
+        return Enter(step.number, encode_event(step.event) if step.body is None else step.body)
+    return Decide(encode_decision(step))
+
+
+def _summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    total: Counter[str] = Counter()
+    for one in counts:
+        total.update(one)
+    return dict(total)
