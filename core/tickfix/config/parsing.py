@@ -8,7 +8,7 @@ A pipeline names its stages; parameters stand beside the name::
     filter      = { use = "fusion-pf", preset = "jiang2015", particles = 500 }
     map         = "walls"
 
-A list where a parameter takes one value makes several pipelines of one, see :mod:`tickfix.sweep`.
+A list where a parameter takes one value makes several pipelines of one, see :mod:`tickfix.config.sweep`.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from tickfix.api.errors import ConfigError, PluginError
 from tickfix.config.checks import check_keys, convert
 from tickfix.config.choices import Choice, Config, PipelineConfig
 from tickfix.config.parameters import describe
+from tickfix.config.sweep import expand
 from tickfix.config.words import one_of
 from tickfix.kernel import KernelSettings
 from tickfix.plugins import Registry
-from tickfix.sweep import expand
 
 STAGES: Final = ("pdr", "fingerprint", "filter", "map")
 _SETTINGS: Final = {"seed": int, "horizon_s": float, "checkpoint_mb": float}
