@@ -10,7 +10,7 @@ import typer
 
 from tickfix.api import ConfigError
 from tickfix.cli.output import print_json, progress, registry, stdout, warn_of
-from tickfix.reproduction.experiments import PAPERS, experiment
+from tickfix.reproduction.papers import PAPERS, experiment
 from tickfix.reproduction.printing import printed
 
 
@@ -39,7 +39,8 @@ def reproduce(
     with progress() as show:
         for name in PAPERS if paper == "all" else (paper,):
             began = time.perf_counter()
-            results.append(experiment(name)(range(seeds), show, pictures, registry=found, processes=workers))
+            again = experiment(name).reproduce(range(seeds), show, pictures, registry=found, processes=workers)
+            results.append(again)
             seconds.append(time.perf_counter() - began)
     for result in results:
         failures = tuple(f"{result.paper}: {what} ({count} ×)" for what, count in result.failures.items())

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
-
-from tickfix.plugins import Registry
 
 _ROUNDING: Final = 1e-9
 """Figures that differ by less than this share are the same."""
@@ -146,29 +144,6 @@ class Show(Protocol):
 
     def __call__(self, label: str, done: int, total: int, /) -> None:
         """Show it."""
-
-
-class Experiment(Protocol):
-    """What each paper's module offers as ``reproduce``."""
-
-    def __call__(
-        self,
-        seeds: Sequence[int],
-        show: Show,
-        pictures: Path | None,
-        *,
-        registry: Registry,
-        processes: int | None = None,
-    ) -> Reproduction:
-        """Run the experiment once per seed and bring the figures together.
-
-        Args:
-            seeds: at least two; the same ones give the same figures.
-            show: told how far it is.
-            pictures: folder to draw into, which exists; None draws nothing.
-            registry: what the plugins offer.
-            processes: how many seeds run at once, by default as many as there are cores.
-        """
 
 
 def _table_json(table: Table) -> dict[str, Any]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 
 import pytest
 from rich.console import Console
 
-from tickfix.reproduction.experiments import PAPERS, experiment
 from tickfix.reproduction.intervals import exact, judge, mean
+from tickfix.reproduction.papers import PAPERS, experiment
 from tickfix.reproduction.printing import printed
 from tickfix.reproduction.report import Cell, Choice, Reproduction, Table
 
@@ -70,5 +71,7 @@ def test_an_unknown_paper_is_told_which_there_are() -> None:
 
 
 @pytest.mark.parametrize("paper", PAPERS)
-def test_every_registered_paper_can_be_run(paper: str) -> None:
-    assert callable(experiment(paper))
+def test_every_registered_paper_has_an_experiment_that_can_draw(paper: str) -> None:
+    found = experiment(paper)
+    assert found.paper == paper
+    assert callable(import_module(found.pictures).draw)

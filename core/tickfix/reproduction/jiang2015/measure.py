@@ -55,7 +55,7 @@ class Measured:
         return float(np.concatenate([track.located_m for track in self.tracks[pipeline]]).mean())
 
 
-def measure(seed: int, registry: Registry) -> Measured:
+def measure(registry: Registry, seed: int) -> Measured:
     """Run all experiments once.
 
     Raises:

@@ -31,7 +31,7 @@ class Repetition:
         surface_m: of KNN and FNCC, mean error by N and K: (8, 8).
         first_pass: by system, (T, 2) where it says the first pass went.
         causes: of what does not come out as the paper has it.
-        unanswered: queries without a result.
+        failures: queries without a result, if there are any.
     """
 
     error_m: Mapping[str, Floats]
@@ -40,7 +40,7 @@ class Repetition:
     surface_m: Mapping[str, Floats]
     first_pass: Mapping[str, Floats]
     causes: Causes
-    unanswered: int
+    failures: Mapping[str, int]
 
 
 def repeat(registry: Registry, seed: int) -> Repetition:
@@ -61,6 +61,7 @@ def repeat(registry: Registry, seed: int) -> Repetition:
         for name in pipelines.FINGERPRINTS
     }
     compared = windows[: choices.COMPARED_PASSES]
+    unanswered = sum(fix is None for found in fixes.values() for one in found for fix in one)
     return Repetition(
         error_m={name: errors(places, done.xy) for name, places in said.items()},
         variant_error_m=variant_errors(built, compared, done.xy),
@@ -68,7 +69,7 @@ def repeat(registry: Registry, seed: int) -> Repetition:
         surface_m={name: surface(built, done, name) for name in (pipelines.KNN, pipelines.FNCC)},
         first_pass={name: places[0] for name, places in said.items()},
         causes=causes(built, done, said, compared, fixes[pipelines.FNCC][: choices.COMPARED_PASSES]),
-        unanswered=sum(fix is None for found in fixes.values() for one in found for fix in one),
+        failures={"queries without a result": unanswered} if unanswered else {},
     )
 
 

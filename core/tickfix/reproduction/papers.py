@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import import_module
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
-from tickfix.reproduction.report import Experiment
+from tickfix.reproduction.experiment import Experiment
 
 PAPERS: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -16,10 +16,10 @@ PAPERS: Final[Mapping[str, str]] = MappingProxyType(
         "wang2015": "tickfix.reproduction.wang2015.experiment",
     }
 )
-"""The module of each paper that offers ``reproduce``, in the order in which ``all`` runs them."""
+"""The module of each paper that offers its ``EXPERIMENT``, in the order in which ``all`` runs them."""
 
 
-def experiment(paper: str) -> Experiment:
+def experiment(paper: str) -> Experiment[Any]:
     """Return the experiment of a paper.
 
     Raises:
@@ -27,5 +27,5 @@ def experiment(paper: str) -> Experiment:
     """
     if paper not in PAPERS:
         raise ValueError(f"paper: found {paper!r}, expected one of {', '.join(PAPERS)}")
-    reproduce: Experiment = import_module(PAPERS[paper]).reproduce
-    return reproduce
+    found: Experiment[Any] = import_module(PAPERS[paper]).EXPERIMENT
+    return found
