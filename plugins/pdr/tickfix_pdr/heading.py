@@ -2,7 +2,8 @@
 
 The phone is taken to point along its y axis, the long one, or along −z where it is held upright. In order of trust:
 
-1. the rotation vector, which the phone's own filter computed from all sensors;
+1. the rotation vector, which the phone's own filter computed from all sensors; with ``gyroscope_s`` its long-term mean
+   alone, carried from moment to moment by the gyroscope: steel in a building bends the rotation vector too;
 2. gyroscope and magnetometer: yaw integrated and slowly pulled to the compass;
 3. the magnetometer alone: the tilt-compensated compass, smoothed;
 4. the gyroscope alone: how it turned, but not where to.
@@ -23,6 +24,7 @@ _COMPASS_WITH_GYRO_S: Final = 10.0
 _COMPASS_ALONE_S: Final = 0.5
 _UPRIGHT: Final = 0.35  # horizontal part of the y axis below which the phone stands rather than lies
 _LONGEST_DT_S: Final = 0.2
+_GYROSCOPE_GONE_NS: Final = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +54,18 @@ class Direction:
     known: bool
 
 
-def fold_heading(state: HeadingState, samples: MotionSamples) -> tuple[HeadingState, Direction]:
-    """Fold a tick's samples; return the new state and the direction during the tick."""
+def fold_heading(
+    state: HeadingState, samples: MotionSamples, *, gyroscope_s: float = 0.0
+) -> tuple[HeadingState, Direction]:
+    """Fold a tick's samples; return the new state and the direction during the tick.
+
+    Args:
+        state: after the tick before.
+        samples: of the tick.
+        gyroscope_s: time constant with which a gyroscope's yaw is pulled to the rotation vector; at first, and with a
+            time constant longer than the walk, it is the mean since the walk began that pulls. 0: the rotation vector
+            is followed as it is.
+    """
     dt = (samples.t1_ns - samples.t0_ns) * 1e-9
     up = fold_gravity(state.up, samples.sensors.get("accelerometer"), dt)
     turned, gyroscope_ns = fold_yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
@@ -61,26 +73,31 @@ def fold_heading(state: HeadingState, samples: MotionSamples) -> tuple[HeadingSt
     magnetometer = samples.sensors.get("magnetometer")
     heading, compass_s = state.heading_rad, state.compass_s
     sin = cos = 0.0
+    compass, slowness = None, 0.0
     if rotation is not None:
         azimuths = azimuth_of(rotation.values)
         n = len(azimuths)
         sin, cos = float(np.sin(azimuths).sum()) / n, float(np.cos(azimuths).sum()) / n
-        last = float(azimuths[-1])
-        turned = last - heading if heading is not None and turned is None else (turned or 0.0)
-        heading = last
+        # A tick may lie between two samples of a gyroscope that is well.
+        carried = gyroscope_ns >= 0 and samples.t1_ns - gyroscope_ns <= _GYROSCOPE_GONE_NS
+        compass, slowness = float(azimuths[-1]), gyroscope_s if carried else 0.0
     elif magnetometer is not None and any(up):
         compass = compass_heading(magnetometer.values.mean(axis=0), np.array(up))
         slowness = _COMPASS_ALONE_S if turned is None else _COMPASS_WITH_GYRO_S
+    if compass is not None and slowness:
         compass_s = min(compass_s + dt, slowness)
         predicted = compass if heading is None else heading + (turned or 0.0)
         pulled = predicted + dt / (compass_s + dt) * float(wrap_rad(compass - predicted))
         turned = turned if turned is not None else (0.0 if heading is None else pulled - heading)
         heading = pulled
+    elif compass is not None:
+        turned = compass - heading if heading is not None and turned is None else (turned or 0.0)
+        heading = compass
     elif heading is not None and turned is not None:
         heading += turned
     if heading is not None:
         heading = float(wrap_rad(heading))
-        if rotation is None:
+        if rotation is None or slowness:
             sin, cos = math.sin(heading), math.cos(heading)
     direction = Direction(sin, cos, float(wrap_rad(turned or 0.0)), known=heading is not None)
     return HeadingState(heading, up, gyroscope_ns, compass_s), direction

@@ -37,6 +37,22 @@ class StepsParams(StepErrorParams):
         parameter("K in step length = K·⁴√(fall of the acceleration)", source="[weinberg2002]", gt=0, trains=True),
     ] = 0.47
     heading_sigma_rad: Annotated[float, parameter("error of a single step's direction", unit="rad", ge=0)] = 0.09
+    heading_bias_sigma_rad: Annotated[float, parameter("error that stays for the walk", unit="rad", ge=0)] = 0.2
+    gyroscope_s: Annotated[
+        float,
+        parameter(
+            "time constant with which a gyroscope's turns are pulled to the rotation vector; 0: that one alone",
+            unit="s",
+            ge=0,
+            trains=True,
+        ),
+    ] = 40.0
+    gyroscope_walk_rad: Annotated[
+        float,
+        parameter(
+            "by which the error of the heading changes with a step where a gyroscope carries it", unit="rad", ge=0
+        ),
+    ] = 0.02
     standing_s: Annotated[float, parameter("without a step for so long, the phone stands", unit="s", gt=0)] = 2.0
 
 
@@ -54,6 +70,9 @@ class StepsState:
 
 class Steps(BasePdr[StepsParams]):
     """Steps by peak and valley, length after Weinberg, direction where the phone points.
+
+    Steel bends the field from corridor to corridor, and the rotation vector with it, while a gyroscope keeps its
+    direction for a minute. So the rotation vector tells where north is on average, the gyroscope what changes.
 
     The survey teaches two things that a building or its drawing bring: by how much the drawing's +y is off the north
     that phones show, and how long steps are here.
@@ -78,7 +97,7 @@ class Steps(BasePdr[StepsParams]):
         """Fold a tick's samples into motion."""
         p = self.params
         dt = (samples.t1_ns - samples.t0_ns) * 1e-9
-        heading, direction = fold_heading(state.heading, samples)
+        heading, direction = fold_heading(state.heading, samples, gyroscope_s=p.gyroscope_s)
         sin, cos = state.sin + direction.sin, state.cos + direction.cos
         accelerometer = samples.sensors.get("accelerometer")
         gait, found = state.gait, list[Step]()
@@ -105,6 +124,7 @@ class Steps(BasePdr[StepsParams]):
             turn_rad=direction.turn_rad,
             stands=since_step_s > p.standing_s,
             before_m=state.travelled_m,
+            bias_walk_rad=p.gyroscope_walk_rad if p.gyroscope_s and "gyroscope" in samples.sensors else p.bias_walk_rad,
         )
         if found:
             sin = cos = 0.0

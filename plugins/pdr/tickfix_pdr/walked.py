@@ -30,6 +30,7 @@ def walked(
     turn_rad: float,
     stands: bool,
     before_m: float,
+    bias_walk_rad: float | None = None,
 ) -> Motion:
     """Return a tick's motion.
 
@@ -41,9 +42,12 @@ def walked(
         turn_rad: since the last tick.
         stands: no step was made for so long that the person stands; only believed with an accelerometer.
         before_m: travelled before the tick.
+        bias_walk_rad: by which the heading's bias changes with a step, where the sensors at hand tell better than
+            ``params``.
     """
     felt = "accelerometer" in samples.sensors
     distance_m = sum(lengths_m)
+    walk_rad = params.bias_walk_rad if bias_walk_rad is None else bias_walk_rad
     return Motion(
         t0_ns=samples.t0_ns,
         t1_ns=samples.t1_ns,
@@ -57,7 +61,7 @@ def walked(
         heading_sigma_rad=params.heading_sigma_rad,
         heading_bias_sigma_rad=params.heading_bias_sigma_rad,
         turn_sigma_rad=params.heading_sigma_rad,
-        turn_bias_sigma_rad=params.bias_walk_rad * math.sqrt(len(lengths_m)),
+        turn_bias_sigma_rad=walk_rad * math.sqrt(len(lengths_m)),
         steps=len(lengths_m),
         stationary=felt and stands,
         travelled_m=before_m + distance_m,

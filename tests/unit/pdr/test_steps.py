@@ -23,9 +23,9 @@ from tickfix.simulation import (
 from tickfix_pdr.steps import Steps, StepsParams
 
 
-def motions(sensors: dict[str, Samples]) -> Iterator[Motion]:
+def motions(sensors: dict[str, Samples], **params: float) -> Iterator[Motion]:
     """Fold samples tick by tick."""
-    pdr = Steps(StepsParams(), Context())
+    pdr = Steps(StepsParams(**params), Context())
     state = pdr.start()
     heard = [s.t_ns for s in sensors.values()]
     first, last = min(int(t[0]) for t in heard), max(int(t[-1]) for t in heard)
@@ -89,6 +89,57 @@ def test_the_heading_is_that_of_the_walk(walk: SimulatedWalk, without: tuple[str
     spread = np.abs(wrap_rad(np.array(errors) - off))
     assert float(np.median(spread)) < 0.2
     assert abs(off) < 0.6
+
+
+def heading_spread_rad(walk: SimulatedWalk, sensors: dict[str, Samples], gyroscope_s: float) -> float:
+    """Return the standard deviation of the steps' headings, apart from how the phone is held."""
+    errors = []
+    for motion in motions(sensors, gyroscope_s=gyroscope_s):
+        if motion.steps and motion.heading_rad is not None:
+            middle_s = (0.5 * (motion.t0_ns + motion.t1_ns) - walk.t_ns[0]) * 1e-9
+            errors.append(motion.heading_rad - float(walk.trajectory.heading_at(np.array(middle_s - 0.3))))
+    off = np.angle(np.exp(1j * np.array(errors)).mean())
+    return float(np.std(wrap_rad(np.array(errors) - off)))
+
+
+def test_the_gyroscope_carries_the_heading_through_a_disturbed_field() -> None:
+    building = office_building(
+        np.random.default_rng(1), width_m=48.0, height_m=30.0, magnetism=Magnetism(north_rad=0.0, disturbance_ut=15.0)
+    )
+    carried, followed = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        route = random_route(walkable(building.floors[0]), rng, 70.0)
+        walker, phone = draw_walker(rng), draw_phone(rng)
+        walk = simulate_walk(building, route, rng, name="walk", walker=walker, phone=phone)
+        carried.append(heading_spread_rad(walk, sensors_of(walk), 40.0))
+        followed.append(heading_spread_rad(walk, sensors_of(walk), 0.0))
+    assert np.mean(carried) < 0.8 * np.mean(followed), (carried, followed)
+
+
+def test_a_tick_without_gyroscope_samples_does_not_throw_the_heading(walk: SimulatedWalk) -> None:
+    sensors = sensors_of(walk)
+    gyroscope, rotation = sensors["gyroscope"], sensors["rotation_vector"]
+    x, y, z, w = rotation.values.T
+    sin, cos = np.sin(0.5), np.cos(0.5)
+    turned = np.column_stack([cos * x - sin * y, cos * y + sin * x, cos * z + sin * w, cos * w - sin * z])
+    bent = (rotation.t_ns - rotation.t_ns[0] > 10_000_000_000)[:, None]  # by one radian, after ten seconds
+    sensors["rotation_vector"] = Samples(rotation.t_ns, np.where(bent, turned, rotation.values))
+    heard = (gyroscope.t_ns - gyroscope.t_ns[0]) % 4_000_000_000 > 400_000_000
+    gaps = {**sensors, "gyroscope": Samples(gyroscope.t_ns[heard], gyroscope.values[heard])}
+    whole, gapped = (
+        np.array([m.heading_rad for m in motions(s) if m.heading_rad is not None])[: 15 * 5] for s in (sensors, gaps)
+    )
+    assert float(np.abs(wrap_rad(gapped - whole)).max()) < 0.5
+
+
+def test_the_heading_is_told_to_change_less_where_a_gyroscope_carries_it(walk: SimulatedWalk) -> None:
+    sensors = sensors_of(walk)
+    without = {name: samples for name, samples in sensors.items() if name != "gyroscope"}
+    carried = {m.turn_bias_sigma_rad for m in motions(sensors) if m.steps == 1}
+    compass = {m.turn_bias_sigma_rad for m in motions(without) if m.steps == 1}
+    assert carried == {StepsParams().gyroscope_walk_rad}
+    assert compass == {StepsParams().bias_walk_rad}
 
 
 def test_the_gyroscope_alone_tells_how_the_walk_turns(walk: SimulatedWalk) -> None:
