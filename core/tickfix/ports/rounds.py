@@ -20,7 +20,7 @@ from tickfix.ports.waking import Errands
 _ERRANDS: Final = 32
 _LOOK_NS: Final = 500_000_000
 _ROUND_NS: Final = 1_000_000
-"""Rounds begin no closer to each other: waking for every message would cost more than serving it."""
+"""Where nothing is left to do, rounds begin no closer: waking for every message would cost more than serving it."""
 
 
 class Rounds:
@@ -64,20 +64,21 @@ class Rounds:
             begun_ns = self._clock.monotonic_ns()
             # First what the loop said, so that it counts for what comes in now.
             self._guarded(self._run_errands)
+            more = False
             for socket, serve in self._services.items():
                 if socket in ready:
-                    self._guarded(serve)
+                    more = self._guarded(serve) is True or more
             self._guarded(self._positions.repeat)
             self._look()
             left_ns = begun_ns + _ROUND_NS - self._clock.monotonic_ns()
-            if left_ns > 0:
+            if left_ns > 0 and not more and not self._errands:
                 self._clock.sleep(left_ns * 1e-9)
         while self._errands:
             self._guarded(self._run_errands)
 
     def _watch(self) -> None:
         """Have the sockets that are open now polled and served."""
-        serves: dict[str, Callable[[], None]] = {
+        serves: dict[str, Callable[[], Any]] = {
             "positions": self._positions.serve,
             "control": self._control.serve,
             "sensors": self._sensors.serve,
@@ -130,8 +131,9 @@ class Rounds:
     def _run_errands(self) -> None:
         self._errands.run(_ERRANDS)
 
-    def _guarded(self, serve: Callable[[], Any]) -> None:
+    def _guarded(self, serve: Callable[[], Any]) -> Any:
         try:
-            serve()
+            return serve()
         except Exception as problem:  # noqa: BLE001 - one port's mishap must not close the others; it is counted
             self.errors[f"{type(problem).__name__}: {problem}"[:200]] += 1
+            return None

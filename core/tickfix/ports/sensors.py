@@ -84,17 +84,18 @@ class Sensors:
         self.lost = 0
         self.closed_until_ns = 0
 
-    def serve(self) -> None:
-        """Judge what is there, at most a round of it."""
+    def serve(self) -> bool:
+        """Judge what is there, at most a round of it; return whether there may be more to judge now."""
         drops = 0
         for _ in range(_ROUND):
             letter = receive(self._socket)
             if letter is None:
-                return
+                return False
             drops += self._judge(letter) is Outcome.THROTTLED
             if drops >= _DROPS:
                 self.closed_until_ns = self._clock.monotonic_ns() + _PAUSE_NS
-                return
+                return False
+        return True
 
     def send(self, peer: Peer, body: bytes) -> None:
         """Send an answer; a peer that left, or does not read, goes without."""
