@@ -30,6 +30,8 @@ from tickfix.wire import (
 from tickfix.wire.messages import Ack, Error, Fix, Motion, Truth, Welcome
 from tickfix.wire.replies import encode, error_for
 
+_LAST: Final = int(zmq.NOBLOCK)
+_MORE: Final = int(zmq.NOBLOCK | zmq.SNDMORE)
 _ROUND: Final = 64
 _DROPS: Final = 32
 _PAUSE_NS: Final = 2_000_000
@@ -99,8 +101,11 @@ class Sensors:
 
     def send(self, peer: Peer, body: bytes) -> None:
         """Send an answer; a peer that left, or does not read, goes without."""
+        *head, last = peer.envelope(body)
         try:
-            self._socket.send_multipart(peer.envelope(body), zmq.NOBLOCK)
+            for frame in head:
+                self._socket.send(frame, _MORE)
+            self._socket.send(last, _LAST)
         except zmq.ZMQError:
             self.lost += 1
 
