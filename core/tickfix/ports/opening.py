@@ -101,10 +101,9 @@ class OpenPorts:
 
     def close(self, linger_ms: int) -> None:
         """Give the addresses back and close all, after ``linger_ms`` for what is on its way."""
-        # The doorkeeper was there first and leaves last.
+        # The doorkeeper was there first and leaves last. Nothing is unbound beforehand: that ends connections at once,
+        # with what they have not delivered. The addresses are free when the context has ended.
         for name, socket in reversed(self._sockets.items()):
-            with suppress(zmq.ZMQError):
-                socket.unbind(endpoint_of(socket))
             socket.close(linger_ms)
             address = self._addresses.get(name)
             if name in self.endpoints and address is not None and address.path is not None:
