@@ -40,7 +40,7 @@ class SegmentIndex:
         width, height = self._shape.ravel().astype(int).tolist()
         rows, columns = np.divmod(np.arange(width * height), width)
         centres: Floats = self._origin + _CELL_M * (np.stack([columns, rows]) + 0.5)
-        self._ends = frozen(segments.reshape(-1, 4).T)
+        self._p, self._q = frozen(segments[:, 0].T), frozen(segments[:, 1].T)
         self._cells = Cells(segments)
         # A move whose middle lies there and that is shorter meets nothing; squared, as lengths are compared.
         self._harmless_m2 = frozen((2.0 * np.maximum(self._cells.clearance_m() - _ROUNDING_M, 0.0)) ** 2)
@@ -84,7 +84,7 @@ class SegmentIndex:
         a, b = a[move].T, b[move].T
         close, segment = self._close(a, b)
         # The whole move is tested, not the piece: cutting it would move its points by rounding.
-        meets = _meet(*a[:, close], *b[:, close], *self._ends[:, segment])
+        meets = _meet(a[:, close], b[:, close], self._p[:, segment], self._q[:, segment])
         return move[close[meets]], segment[meets]
 
     def _doubtful(self, a: Floats, b: Floats) -> Ints:
@@ -120,20 +120,18 @@ class SegmentIndex:
         return move[inside[piece[near]]], self._candidates[candidate[near]]
 
 
-def _meet(ax: Floats, ay: Floats, bx: Floats, by: Floats, px: Floats, py: Floats, qx: Floats, qy: Floats) -> Bools:
-    """Tell for each pair whether the closed segments ab and pq share a point: (n,) bool."""
+def _meet(a: Floats, b: Floats, p: Floats, q: Floats) -> Bools:
+    """Tell for each pair whether the closed segments ab and pq, ends (2, n), share a point: (n,) bool."""
+    way, wall, ap, aq, pb = b - a, q - p, p - a, q - a, b - p
     # Each of the two must not lie wholly on one side of the other …
-    side_p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
-    side_q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
-    side_a = (qx - px) * (ay - py) - (qy - py) * (ax - px)
-    side_b = (qx - px) * (by - py) - (qy - py) * (bx - px)
-    straddle = (np.sign(side_p) * np.sign(side_q) <= 0) & (np.sign(side_a) * np.sign(side_b) <= 0)
+    straddle = np.sign(_cross(way, ap)) * np.sign(_cross(way, aq)) <= 0
+    straddle &= np.sign(_cross(wall, ap)) * np.sign(_cross(wall, pb)) >= 0  # a is on the side that ap comes from
     # … and where both are on one line, their extents must overlap.
-    overlap = (
-        (np.minimum(ax, bx) <= np.maximum(px, qx))
-        & (np.minimum(px, qx) <= np.maximum(ax, bx))
-        & (np.minimum(ay, by) <= np.maximum(py, qy))
-        & (np.minimum(py, qy) <= np.maximum(ay, by))
-    )
-    meets: Bools = straddle & overlap
+    overlap = (np.minimum(a, b) <= np.maximum(p, q)) & (np.minimum(p, q) <= np.maximum(a, b))
+    meets: Bools = straddle & overlap[0] & overlap[1]
     return meets
+
+
+def _cross(u: Floats, v: Floats) -> Floats:
+    product: Floats = u[0] * v[1] - u[1] * v[0]
+    return product
