@@ -42,8 +42,8 @@ class SegmentIndex:
         centres: Floats = self._origin + _CELL_M * (np.stack([columns, rows]) + 0.5)
         self._p, self._q = frozen(segments[:, 0].T), frozen(segments[:, 1].T)
         self._cells = Cells(segments)
-        # A move whose middle lies there and that is shorter meets nothing; squared, as lengths are compared, and rounded
-        # down to single precision, since the cells of a large floor take megabytes.
+        # A move whose middle lies there and that is shorter meets nothing. Squared, as lengths are compared.
+        # Rounded down to single precision, since the cells of a large floor take megabytes.
         harmless_m2 = (2.0 * np.maximum(self._cells.clearance_m() - _ROUNDING_M, 0.0)) ** 2
         self._harmless_m2 = frozen(np.nextafter(harmless_m2.astype(np.float32), np.float32(0.0)), np.float32)
         tree = shapely.STRtree(shapely.linestrings(segments))
