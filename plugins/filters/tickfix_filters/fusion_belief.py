@@ -20,19 +20,19 @@ def mean_xy(state: Particles) -> Floats:
 
 def beliefs(states: Sequence[Particles], *, median: bool) -> list[Belief]:
     """Return what each of D states with N particles means, around their spatial median or their mean."""
-    weights = normalised(np.stack([state.log_weights for state in states]))
-    xy = np.stack([state.xy for state in states])
+    weights = normalised(np.array([state.log_weights for state in states]))
+    xy = np.array([state.xy for state in states])
     mean_x, mean_y = weighted_mean(weights, xy[..., 0]), weighted_mean(weights, xy[..., 1])
     x, y = xy[..., 0] - mean_x[:, None], xy[..., 1] - mean_y[:, None]
     off_x, off_y = spatial_median(x, y, weights) if median else (np.zeros(len(states)), np.zeros(len(states)))
-    centres = frozen(np.stack([mean_x + off_x, mean_y + off_y], axis=-1))
+    centres = frozen(np.array([mean_x + off_x, mean_y + off_y]).T)
     unseen = np.array([state.unseen.variance_m2 for state in states])
     wx = weights * x
     xx = weighted_mean(wx, x) + off_x * off_x + unseen
     xy_ = weighted_mean(wx, y) + off_x * off_y
     yy = weighted_mean(weights * y, y) + off_y * off_y + unseen
-    covariances = frozen(np.stack([xx, xy_, xy_, yy], axis=-1).reshape(-1, 2, 2))
-    turned = _mean_angles(weights, np.stack([state.bias_rad for state in states]))
+    covariances = frozen(np.array([[xx, xy_], [xy_, yy]]).T)
+    turned = _mean_angles(weights, np.array([state.bias_rad for state in states]))
     return [
         Belief(
             floor=state.on.floor,
@@ -48,5 +48,5 @@ def beliefs(states: Sequence[Particles], *, median: bool) -> list[Belief]:
 def _mean_angles(weights: Floats, angles: Floats) -> list[float]:
     """Return the direction in which each row of angles (D, N) points on the whole."""
     single, w = angles.astype(np.float32), weights.astype(np.float32)
-    sine, cosine = (np.sin(single) * w).sum(axis=-1), (np.cos(single) * w).sum(axis=-1)
+    sine, cosine = np.add.reduce(np.sin(single) * w, axis=-1), np.add.reduce(np.cos(single) * w, axis=-1)
     return [math.atan2(*pair) for pair in zip(sine.tolist(), cosine.tolist(), strict=True)]

@@ -152,7 +152,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         states = [self._biased(*each) for each in zip(states, motions, rngs, strict=True)]
         headings = [heading_rad(*each) for each in zip(states, motions, strict=True)]
         before, bias, scale, log_weights = (
-            np.stack([getattr(state, name) for state in states]) for name in ("xy", "bias_rad", "scale", "log_weights")
+            np.array([getattr(state, name) for state in states]) for name in ("xy", "bias_rad", "scale", "log_weights")
         )
         xy, bias = walked(before, bias, scale, headings, motions, rngs, self.params)
         floors = [state.on.floor for state in states]

@@ -15,23 +15,23 @@ import numpy as np
 from tickfix.api import Floats, Ints, Rng
 
 _WEISZFELD_ITERATIONS: Final = 8
-_NEAREST_M: Final = 0.3  # closer than this, the pull of a particle grows no further
+_NEAREST_M: Final = np.float32(0.3)  # closer than this, the pull of a particle grows no further
 
 
 def normalised(log_weights: Floats) -> Floats:
     """Return weights (…, N) that sum to one; all alike where every one of them is zero."""
-    highest = log_weights.max(axis=-1, keepdims=True)
+    highest = np.maximum.reduce(log_weights, axis=-1, keepdims=True)
     hopeless = highest == -np.inf
     if hopeless.any():
         log_weights, highest = np.where(hopeless, 0.0, log_weights), np.where(hopeless, 0.0, highest)
     weights: Floats = np.exp(log_weights - highest)
-    weights /= weights.sum(axis=-1, keepdims=True)
+    weights /= np.add.reduce(weights, axis=-1, keepdims=True)
     return weights
 
 
 def effective_number(weights: Floats) -> Floats:
     """Return 1/Σw² (…), [arulampalam2002] eq. (51): how many particles the weights (…, N) leave."""
-    number: Floats = 1.0 / (weights * weights).sum(axis=-1)
+    number: Floats = 1.0 / np.add.reduce(weights * weights, axis=-1)
     return number
 
 
@@ -48,7 +48,7 @@ def weighted_mean(weights: Floats, values: Floats) -> Floats:
 
     Not by a matrix product: how BLAS adds depends on how many sets there are.
     """
-    mean: Floats = (weights * values).sum(axis=-1)
+    mean: Floats = np.add.reduce(weights * values, axis=-1)
     return mean
 
 
@@ -60,16 +60,18 @@ def spatial_median(x: Floats, y: Floats, weights: Floats) -> tuple[Floats, Float
     Args:
         x, y, weights: (…, N); places around their mean, since single precision is enough for them then.
     """
-    x, y, weights = x.astype(np.float32), y.astype(np.float32), weights.astype(np.float32)
-    median_x = median_y = np.zeros((*x.shape[:-1], 1), np.float32)
-    nearest = np.float32(_NEAREST_M)
+    # One array of x, y and 1, so that one product and one sum give all that an iteration needs.
+    parts = np.empty((3, *x.shape), np.float32)
+    parts[0], parts[1], parts[2] = x, y, 1.0
+    weights = weights.astype(np.float32)
+    median = np.zeros((2, *x.shape[:-1], 1), np.float32)
     for _ in range(_WEISZFELD_ITERATIONS):
-        off_x, off_y = x - median_x, y - median_y
-        off_x *= off_x
-        off_y *= off_y
-        distance = np.sqrt(np.add(off_x, off_y, out=off_x), out=off_x)
-        pull = np.divide(weights, np.maximum(distance, nearest, out=distance), out=distance)
-        total = pull.sum(axis=-1, keepdims=True)
-        median_x = np.multiply(pull, x, out=off_y).sum(axis=-1, keepdims=True) / total
-        median_y = np.multiply(pull, y, out=off_y).sum(axis=-1, keepdims=True) / total
-    return median_x[..., 0].astype(np.float64), median_y[..., 0].astype(np.float64)
+        off = parts[:2] - median
+        off *= off
+        distance = off[0]
+        distance += off[1]
+        np.sqrt(distance, out=distance)
+        np.maximum(distance, _NEAREST_M, out=distance)
+        pulled = np.add.reduce(parts * (weights / distance), axis=-1, keepdims=True)
+        median = pulled[:2] / pulled[2]
+    return median[0, ..., 0].astype(np.float64), median[1, ..., 0].astype(np.float64)

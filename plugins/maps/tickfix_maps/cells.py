@@ -31,18 +31,22 @@ class Cells:
         self.side_m = max(_SIDE_M, float(np.sqrt(np.prod(high - low) / _MOST)))
         self._origin = low
         self._columns, self._rows = np.ceil((high - low) / self.side_m).astype(int).tolist()
+        self._last = np.array([[self._columns - 1.0], [self._rows - 1.0]])
         #: (rows, columns): which cells a segment passes.
         self.passed: Bools = drawn((segments - low) / self.side_m, (self._rows, self._columns))
 
-    def of(self, x: Floats, y: Floats) -> Ints:
-        """Return for each point, x and y (n,), the number of its cell, of the nearest one where it is in none."""
-        scale = 1.0 / self.side_m
-        column, row = (x - self._origin[0]) * scale, (y - self._origin[1]) * scale
-        np.clip(column, 0.0, self._columns - 1.0, out=column)
-        np.clip(row, 0.0, self._rows - 1.0, out=row)
-        number: Ints = row.astype(np.int64)
-        number *= self._columns
-        number += column.astype(np.int64)
+    def of(self, places: Floats) -> Ints:
+        """Return for each point the number of its cell, of the nearest one where it is in none.
+
+        Args:
+            places: (2, n): first all x, then all y.
+        """
+        at = places - self._origin[:, None]
+        at *= 1.0 / self.side_m
+        np.maximum(at, 0.0, out=at)
+        np.minimum(at, self._last, out=at)
+        column, row = at.astype(np.int64)
+        number: Ints = row * self._columns + column
         return number
 
     def clearance_m(self) -> Floats:

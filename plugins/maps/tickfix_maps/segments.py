@@ -35,24 +35,27 @@ class SegmentIndex:
         if len(segments) == 0:
             return
         corners = segments.reshape(-1, 2)
-        self._origin = corners.min(axis=0) - MARGIN_M
-        self._width, self._height = np.ceil((corners.max(axis=0) + MARGIN_M - self._origin) / _CELL_M).astype(int)
-        rows, columns = np.divmod(np.arange(self._width * self._height), self._width)
-        centres: Floats = self._origin + _CELL_M * (np.stack([columns, rows], axis=1) + 0.5)
-        self._ends = tuple(frozen(column.copy()) for column in segments.reshape(-1, 4).T)
+        self._origin: Floats = corners.min(axis=0)[:, None] - MARGIN_M
+        self._shape: Floats = np.ceil((corners.max(axis=0)[:, None] + MARGIN_M - self._origin) / _CELL_M)
+        width, height = self._shape.ravel().astype(int).tolist()
+        rows, columns = np.divmod(np.arange(width * height), width)
+        centres: Floats = self._origin + _CELL_M * (np.stack([columns, rows]) + 0.5)
+        self._p, self._q = frozen(segments[:, 0].T), frozen(segments[:, 1].T)
         self._cells = Cells(segments)
-        # A move whose middle lies there and that is shorter meets nothing; squared, as lengths are compared.
-        self._harmless_m2 = frozen((2.0 * np.maximum(self._cells.clearance_m() - _ROUNDING_M, 0.0)) ** 2)
+        # A move whose middle lies there and that is shorter meets nothing. Squared, as lengths are compared.
+        # Rounded down to single precision, since the cells of a large floor take megabytes.
+        harmless_m2 = (2.0 * np.maximum(self._cells.clearance_m() - _ROUNDING_M, 0.0)) ** 2
+        self._harmless_m2 = frozen(np.nextafter(harmless_m2.astype(np.float32), np.float32(0.0)), np.float32)
         tree = shapely.STRtree(shapely.linestrings(segments))
         # A piece is at most 2·reach long and its middle lies in the cell.
         reach_m = _REACH_M + _CELL_M * np.sqrt(0.5)
-        points = shapely.points(centres)
+        points = shapely.points(*centres)
         cell, segment = tree.query(points, predicate="dwithin", distance=reach_m)
         distance = shapely.distance(points[cell], tree.geometries[segment])
         order = np.lexsort((segment, distance, cell))
         self._candidates: Ints = segment[order].astype(np.int64)
         self._distances: Floats = distance[order]
-        self._counts: Ints = np.bincount(cell, minlength=len(centres)).astype(np.int64)
+        self._counts: Ints = np.bincount(cell, minlength=width * height).astype(np.int64)
         self._offsets: Ints = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
@@ -78,46 +81,40 @@ class SegmentIndex:
         if len(self.segments) == 0 or len(a) == 0:
             none = np.zeros(0, dtype=np.int64)
             return none, none
-        blocks = range(0, len(a), _BLOCK)
-        move = np.concatenate(
-            [first + self._doubtful(a[first : first + _BLOCK], b[first : first + _BLOCK]) for first in blocks]
-        )
-        ends = a[move, 0], a[move, 1], b[move, 0], b[move, 1]
-        close, segment = self._close(*ends)
+        blocks = [slice(first, first + _BLOCK) for first in range(0, len(a), _BLOCK)]
+        move = np.concatenate([block.start + self._doubtful(a[block].T, b[block].T) for block in blocks])
+        a, b = a[move].T, b[move].T
+        close, segment = self._close(a, b)
         # The whole move is tested, not the piece: cutting it would move its points by rounding.
-        meets = _meet(*(end[close] for end in ends), *(end[segment] for end in self._ends))
+        meets = _meet(a[:, close], b[:, close], self._p[:, segment], self._q[:, segment])
         return move[close[meets]], segment[meets]
 
     def _doubtful(self, a: Floats, b: Floats) -> Ints:
-        """Return which moves (n, 2) → (n, 2) are longer than it is far from their middle to a segment."""
-        way_x, way_y = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
-        cell = self._cells.of(a[:, 0] + 0.5 * way_x, a[:, 1] + 0.5 * way_y)
-        way_x *= way_x
-        way_y *= way_y
-        way_x += way_y
-        return np.flatnonzero(way_x >= self._harmless_m2[cell])
+        """Return which moves (2, n) → (2, n) are longer than it is far from their middle to a segment."""
+        way = np.subtract(b, a, order="C")
+        middle = np.multiply(way, 0.5)
+        middle += a
+        way *= way
+        return np.flatnonzero(way[0] + way[1] >= self._harmless_m2[self._cells.of(middle)])
 
-    def _close(self, ax: Floats, ay: Floats, bx: Floats, by: Floats) -> tuple[Ints, Ints]:
-        """Return every pair of a move (n,) and a segment that come so close that they might meet: index of each."""
-        move = np.arange(len(ax))
-        way_x, way_y = bx - ax, by - ay
-        half = 0.5 * np.hypot(way_x, way_y)
-        if half.max(initial=0.0) > _REACH_M:
-            pieces = np.maximum(1, np.ceil(half / _REACH_M).astype(np.int64))
-            move = np.repeat(move, pieces)
-            number = np.arange(len(move)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-            share = (number + 0.5) / pieces[move]
-            x, y, half = ax[move] + share * way_x[move], ay[move] + share * way_y[move], (half / pieces)[move]
+    def _close(self, a: Floats, b: Floats) -> tuple[Ints, Ints]:
+        """Return every pair of a move, (2, n) → (2, n), and a segment that might meet: index of each."""
+        way = b - a
+        half = 0.5 * np.hypot(*way)
+        if half.max(initial=0.0) <= _REACH_M:
+            move, middle = np.arange(len(half)), a + 0.5 * way
         else:
-            x, y = ax + 0.5 * way_x, ay + 0.5 * way_y
-        column, row = (x - self._origin[0]) / _CELL_M, (y - self._origin[1]) / _CELL_M
-        inside = np.flatnonzero((column >= 0) & (column < self._width) & (row >= 0) & (row < self._height))
-        column, row = np.floor(column[inside]), np.floor(row[inside])
-        cell = (row * self._width + column).astype(np.int64)
+            pieces = np.maximum(1, np.ceil(half / _REACH_M).astype(np.int64))
+            move = np.repeat(np.arange(len(half)), pieces)
+            number = np.arange(len(move)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+            middle, half = a[:, move] + (number + 0.5) / pieces[move] * way[:, move], (half / pieces)[move]
+        at = (middle - self._origin) / _CELL_M
+        inside = np.flatnonzero(((at >= 0.0) & (at < self._shape)).all(axis=0))
+        column, row = corner = np.floor(at[:, inside])
+        cell = (row * self._shape[0] + column).astype(np.int64)
         # From the cell's centre, a piece reaches no further than to its middle and then half its length.
-        off_x = x[inside] - (self._origin[0] + _CELL_M * (column + 0.5))
-        off_y = y[inside] - (self._origin[1] + _CELL_M * (row + 0.5))
-        reach = np.sqrt(off_x * off_x + off_y * off_y) + half[inside] + _ROUNDING_M
+        off = middle[:, inside] - (self._origin + _CELL_M * (corner + 0.5))
+        reach = np.hypot(*off) + half[inside] + _ROUNDING_M
         counts = self._counts[cell]
         piece = np.repeat(np.arange(len(cell)), counts)
         candidate = np.arange(len(piece)) + np.repeat(self._offsets[cell] - (np.cumsum(counts) - counts), counts)
@@ -125,20 +122,18 @@ class SegmentIndex:
         return move[inside[piece[near]]], self._candidates[candidate[near]]
 
 
-def _meet(ax: Floats, ay: Floats, bx: Floats, by: Floats, px: Floats, py: Floats, qx: Floats, qy: Floats) -> Bools:
-    """Tell for each pair whether the closed segments ab and pq share a point: (n,) bool."""
+def _meet(a: Floats, b: Floats, p: Floats, q: Floats) -> Bools:
+    """Tell for each pair whether the closed segments ab and pq, ends (2, n), share a point: (n,) bool."""
+    way, wall, ap, aq, pb = b - a, q - p, p - a, q - a, b - p
     # Each of the two must not lie wholly on one side of the other …
-    side_p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
-    side_q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
-    side_a = (qx - px) * (ay - py) - (qy - py) * (ax - px)
-    side_b = (qx - px) * (by - py) - (qy - py) * (bx - px)
-    straddle = (np.sign(side_p) * np.sign(side_q) <= 0) & (np.sign(side_a) * np.sign(side_b) <= 0)
+    straddle = np.sign(_cross(way, ap)) * np.sign(_cross(way, aq)) <= 0
+    straddle &= np.sign(_cross(wall, ap)) * np.sign(_cross(wall, pb)) >= 0  # a is on the side that ap comes from
     # … and where both are on one line, their extents must overlap.
-    overlap = (
-        (np.minimum(ax, bx) <= np.maximum(px, qx))
-        & (np.minimum(px, qx) <= np.maximum(ax, bx))
-        & (np.minimum(ay, by) <= np.maximum(py, qy))
-        & (np.minimum(py, qy) <= np.maximum(ay, by))
-    )
-    meets: Bools = straddle & overlap
+    overlap = (np.minimum(a, b) <= np.maximum(p, q)) & (np.minimum(p, q) <= np.maximum(a, b))
+    meets: Bools = straddle & overlap[0] & overlap[1]
     return meets
+
+
+def _cross(u: Floats, v: Floats) -> Floats:
+    product: Floats = u[0] * v[1] - u[1] * v[0]
+    return product

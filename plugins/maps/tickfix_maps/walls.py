@@ -42,7 +42,7 @@ class Walls(BaseMap[WallsParams]):
         if self._walkable is None:
             return np.ones(len(xy), dtype=np.bool_)
         cells, free, telling = self._free
-        cell = cells.of(xy[:, 0], xy[:, 1])
+        cell = cells.of(xy.T)
         inside: Bools = free[cell]
         unsure = np.flatnonzero(~telling[cell])
         inside[unsure] = shapely.contains_xy(self._walkable, xy[unsure])

@@ -81,7 +81,7 @@ def test_no_point_is_nearer_to_a_wall_than_its_cell_says(
     segments: list[tuple[float, ...]], points: list[tuple[float, float]]
 ) -> None:
     cells, xy = Cells(of(segments)), np.array(points)
-    clearance_m = cells.clearance_m()[cells.of(xy[:, 0], xy[:, 1])]
+    clearance_m = cells.clearance_m()[cells.of(xy.T)]
     distance_m = shapely.distance(shapely.points(xy), shapely.MultiLineString(list(of(segments))))
     assert (clearance_m <= distance_m + 1e-9).all()
     assert (clearance_m >= np.minimum(distance_m, MARGIN_M) - 2.0 * np.sqrt(2.0) * cells.side_m - 1e-9).all()
