@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
+import resource
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -208,6 +211,37 @@ def test_single_messages_that_make_much_work_keep_the_others_from_nothing(lab: L
         assert status["overloads"] == 0
         until(lambda: all(d["next_tick"] * 200_000_000 > d["newest_ns"] - 10**9 for d in control.devices()))
     engine.stop()
+
+
+def test_connections_that_take_all_file_descriptors_end_no_engine(lab: Lab) -> None:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (96, 128))
+
+    config = CONFIG + "[journal]\nsegment_mb = 0.002\n"
+    engine = lab.serve(config, "--no-watchdog", "--journal", lab.place / "journal", before=limit)
+    host, port = engine.at["sensors"].removeprefix("tcp://").split(":")
+    with dealer(engine) as peer, engine.control() as control, contextlib.ExitStack() as crowd:
+        assert said_to(peer, type="hello")["type"] == "welcome"
+        assert control.health()["ok"]
+        with contextlib.suppress(TimeoutError):
+            for _ in range(200):
+                crowd.enter_context(socket.create_connection((host, int(port)), timeout=1.0))
+        for n in range(1, 40):
+            at = {"t_ns": n * 200_000_000, "pressure_hpa": 1000.0}
+            assert said_to(peer, seq=n, type="pressure", **at)["type"] in {"ack", "welcome"}
+        until(lambda: "Too many open files" in control.status()["journal"].get("problem", ""))
+        crowd.close()
+        numbers = itertools.count(40)
+
+        def goes_on() -> bool:
+            for seq in itertools.islice(numbers, 100):
+                said_to(peer, seq=seq, type="pressure", t_ns=seq * 20_000_000, pressure_hpa=1000.0)
+            return "problem" not in control.status()["journal"]
+
+        until(goes_on)
+        assert control.health()["ok"]
+    engine.stop()
+    assert len(list((lab.place / "journal").glob("*.mcap"))) > 1
 
 
 def test_hostile_messages_are_refused_and_counted_one_by_one(lab: Lab, floor_folder: Path) -> None:
