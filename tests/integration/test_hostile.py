@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import os
+import resource
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +15,10 @@ import msgspec
 import numpy as np
 import pytest
 import zmq
-from live_lab import Lab, adds_up, outcome
+from live_lab import Engine, Lab, adds_up, estimates, outcome, until
+from stored_floor import Command
+
+from tickfix.api import LATEST_NS
 
 MESSAGES = int(os.environ.get("TICKFIX_HOSTILE", "6000"))
 CONFIG = """
@@ -106,6 +113,135 @@ def hostile(rng: np.random.Generator) -> list[bytes]:
     if kind == 5:
         return [b"", packed]
     return [packed]
+
+
+@contextlib.contextmanager
+def dealer(engine: Engine) -> Iterator[zmq.Socket[bytes]]:
+    context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+    try:
+        with context.socket(zmq.DEALER) as peer:
+            peer.linger = 0
+            peer.sndtimeo = peer.rcvtimeo = 60_000
+            peer.connect(engine.at["sensors"])
+            yield peer
+    finally:
+        context.term()
+
+
+def said_to(peer: zmq.Socket[bytes], **message: Any) -> dict[str, Any]:
+    peer.send(msgspec.msgpack.encode({"v": 1, "device": "wild", "session": "s", "ack": True} | message))
+    answer: dict[str, Any] = msgspec.msgpack.decode(peer.recv())
+    return answer
+
+
+END = 2**63 - 1
+WILD: list[tuple[dict[str, Any], str]] = [
+    ({"type": "pressure", "t_ns": END, "pressure_hpa": 1000.0}, "t_ns"),
+    ({"type": "fix", "t_ns": END, "floor": "F1", "xy": [1.0, 2.0]}, "t_ns"),
+    ({"type": "truth", "t_ns": END, "floor": "F1", "xy": [1.0, 2.0]}, "t_ns"),
+    ({"type": "scan", "t_ns": END, "transmitters": [], "rssi_dbm": [], "heard_ns": []}, "t_ns"),
+    ({"type": "scan", "transmitters": ["a"], "rssi_dbm": [-50.0], "heard_ns": [END]}, "heard_ns[0]"),
+    ({"type": "motion", "sensors": {"gyroscope": {"t_ns": [END], "values": [[0.0] * 3]}}}, "sensors.gyroscope.t_ns[0]"),
+]
+
+
+def test_times_at_the_end_of_64_bits_are_refused_by_name_and_those_that_count_end_no_engine(
+    lab: Lab, tickfix: Command
+) -> None:
+    journal = lab.place / "journal"
+    engine = lab.serve(CONFIG, "--no-watchdog", "--journal", journal)
+    with dealer(engine) as peer:
+        for seq, (message, field) in enumerate(WILD, 1):
+            answer = said_to(peer, seq=seq, **message)
+            assert (answer["type"], answer["outcome"], answer["field"]) == ("error", "malformed", field)
+            assert (answer["found"], answer["expected"]) == (str(END), f"a time from 0 to {LATEST_NS} ns")
+        for n in range(20):
+            t_ns = [LATEST_NS - 4 * 10**9 + n * 200_000_000 + k * 20_000_000 for k in range(10)] + [END]
+            sensors = {"accelerometer": {"t_ns": t_ns, "values": [[0.0, 0.0, 9.8]] * 11}}
+            assert said_to(peer, seq=100 + n, type="motion", sensors=sensors)["outcome"] in {"accepted", "late"}
+        at_last = {"t_ns": LATEST_NS, "floor": "F1", "xy": [1.0, 2.0]}
+        assert said_to(peer, seq=200, type="fix", **at_last)["outcome"] in {"accepted", "late"}
+        with engine.control() as control:
+            until(lambda: control.status()["measurements"].get("invalid") == 20)
+    engine.stop()
+    resumed = lab.serve(CONFIG, "--no-watchdog", "--journal", journal, "--resume")
+    with dealer(resumed) as peer:
+        assert said_to(peer, seq=200, type="fix", **at_last)["outcome"] == "duplicate"
+    resumed.stop()
+    assert max(e.t_ns for e in estimates(journal)) < 2**62 + 10**10
+    assert "every byte is the same" in tickfix("replay", "--journal", journal).stdout
+
+
+def bombs() -> Iterator[dict[str, Any]]:
+    """Yield single messages that make much work."""
+    far = [1_000 * 10**9 + 59 * 10**9 * n for n in range(4_000)]
+    yield {"device": "leaps", "type": "motion", "sensors": {"pressure": {"t_ns": far, "values": [[1.0]] * 4_000}}}
+    walk = {"t_ns": far[:1], "values": [[0.0, 0.0, 9.8]]}
+    yield {"device": "holds", "type": "motion", "sensors": {"accelerometer": walk}}
+    yield {"device": "holds", "type": "motion", "sensors": {"pressure": {"t_ns": far, "values": [[1.0]] * 4_000}}}
+    yield {"device": "holds", "type": "bye"}
+    anew = [n * 100 * 10**9 + k * 10**9 for n in range(1, 1_300) for k in range(3)]
+    rows = [[0.0, 0.0, 9.8]] * len(anew)
+    yield {"device": "anew", "type": "motion", "sensors": {"gyroscope": {"t_ns": anew, "values": rows}}}
+    for n in range(40):
+        dense = [5 * 10**9 - n * 4_000 - k for k in range(4_000)]
+        yield {
+            "device": "crowds",
+            "type": "motion",
+            "sensors": {"pressure": {"t_ns": dense, "values": [[1.0]] * 4_000}},
+        }
+    for n in range(300):
+        yield {"device": "scans", "type": "scan", "transmitters": [], "rssi_dbm": [], "heard_ns": [], "t_ns": 10**9 - n}
+
+
+def test_single_messages_that_make_much_work_keep_the_others_from_nothing(lab: Lab, floor_folder: Path) -> None:
+    engine = lab.serve(CONFIG + "[live]\nwatchdog_s = 5.0\n", "--journal", lab.place / "journal")
+    walk = min((floor_folder / "path_data_files").glob("*.txt"))
+    sender = lab.send(engine, walk, "--speed", "3")
+    with dealer(engine) as peer, engine.control() as control:
+        for seq, bomb in enumerate(bombs(), 1):
+            answer = said_to(peer, seq=seq, **bomb)
+            assert answer["outcome"] in {"accepted", "late", "stale", "duplicate", "busy"}, answer
+        assert outcome(sender)["unknown"] == 0
+        status = control.status()
+        assert status["run"] == engine.at["run"], "it was restarted"
+        assert status["mishaps"] == 0
+        assert status["measurements"]["crowded"] > 0
+        assert status["measurements"]["dropped"] > 0
+        assert status["overloads"] == 0
+        until(lambda: all(d["next_tick"] * 200_000_000 > d["newest_ns"] - 10**9 for d in control.devices()))
+    engine.stop()
+
+
+def test_connections_that_take_all_file_descriptors_end_no_engine(lab: Lab) -> None:
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (96, 128))
+
+    config = CONFIG + "[journal]\nsegment_mb = 0.002\n"
+    engine = lab.serve(config, "--no-watchdog", "--journal", lab.place / "journal", before=limit)
+    host, port = engine.at["sensors"].removeprefix("tcp://").split(":")
+    with dealer(engine) as peer, engine.control() as control, contextlib.ExitStack() as crowd:
+        assert said_to(peer, type="hello")["type"] == "welcome"
+        assert control.health()["ok"]
+        with contextlib.suppress(TimeoutError):
+            for _ in range(200):
+                crowd.enter_context(socket.create_connection((host, int(port)), timeout=1.0))
+        for n in range(1, 40):
+            at = {"t_ns": n * 200_000_000, "pressure_hpa": 1000.0}
+            assert said_to(peer, seq=n, type="pressure", **at)["type"] in {"ack", "welcome"}
+        until(lambda: "Too many open files" in control.status()["journal"].get("problem", ""))
+        crowd.close()
+        numbers = itertools.count(40)
+
+        def goes_on() -> bool:
+            for seq in itertools.islice(numbers, 100):
+                said_to(peer, seq=seq, type="pressure", t_ns=seq * 20_000_000, pressure_hpa=1000.0)
+            return "problem" not in control.status()["journal"]
+
+        until(goes_on)
+        assert control.health()["ok"]
+    engine.stop()
+    assert len(list((lab.place / "journal").glob("*.mcap"))) > 1
 
 
 def test_hostile_messages_are_refused_and_counted_one_by_one(lab: Lab, floor_folder: Path) -> None:

@@ -4,7 +4,7 @@ A journal is a folder of segments ``000001.mcap`` …, see docs/journal.md. :cla
 :class:`JournalReader` reads it; payloads are opaque bytes to both.
 """
 
-from tickfix.journal.errors import JournalDamaged, JournalError, JournalFull, JournalLocked
+from tickfix.journal.errors import JournalCrowded, JournalDamaged, JournalError, JournalFull, JournalLocked
 from tickfix.journal.folder import is_being_written
 from tickfix.journal.manifest import Manifest
 from tickfix.journal.reader import JournalReader, Segment, Since
@@ -15,6 +15,7 @@ from tickfix.journal.writer import JournalWriter
 
 __all__ = [
     "Damage",
+    "JournalCrowded",
     "JournalDamaged",
     "JournalError",
     "JournalFull",

@@ -49,8 +49,13 @@ class JournalDamaged(JournalError):  # noqa: N818 - says what the journal is
         self.offset = offset
 
 
+class JournalCrowded(JournalError):  # noqa: N818 - says what the process is
+    """The process has no file descriptor left for another file; the one that is open can still be written."""
+
+
 def write_error(path: Path, cause: OSError) -> JournalError:
     """Return the error that stands for a failed write."""
     if cause.errno in _FULL:
         return JournalFull(path, cause)
-    return JournalError(f"{path}: cannot be written ({cause.strerror or cause})")
+    kind = JournalCrowded if cause.errno in (errno.EMFILE, errno.ENFILE) else JournalError
+    return kind(f"{path}: cannot be written ({cause.strerror or cause})")

@@ -89,7 +89,7 @@ class DeviceClock:
         if self.latest_ns is None:
             return None
         since_ns = self.latest_ns - LEAP_NS
-        steady = any(self.last_ns.get(stream, -1) >= since_ns for stream in self._steady)
+        steady = any(self.last_ns.get(stream, since_ns - 1) >= since_ns for stream in self._steady)
         return self.latest_ns + (self.jump_ns if steady else LEAP_NS)
 
     def judge(self, t_ns: int, stream: str, limit_ns: int | None) -> Verdict:

@@ -98,7 +98,16 @@ class Doorkeeper:
                 frames = self._socket.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
                 return
-            self._socket.send_multipart(self._answer(frames))
+            self._socket.send_multipart(self._safe_answer(frames))
+
+    def _safe_answer(self, frames: Sequence[bytes]) -> list[bytes]:
+        """Answer whatever happens: a question without an answer would be the last one that libzmq asks."""
+        try:
+            return self._answer(frames)
+        except Exception as problem:  # noqa: BLE001 - see above
+            self.refused[f"{type(problem).__name__}: {problem}"[:200]] += 1
+            request = frames[1] if len(frames) > 1 else b""
+            return [b"1.0", request, b"500", b"the engine cannot tell", b"", b""]
 
     def _answer(self, frames: Sequence[bytes]) -> list[bytes]:
         version, request = frames[0], frames[1] if len(frames) > 1 else b""

@@ -13,7 +13,7 @@ from tickfix.ports.addresses import Address, parse_address, require_keys
 from tickfix.ports.authentication import ENDPOINT
 from tickfix.ports.keys import ENGINE, PORTS, read_pair
 from tickfix.ports.settings import PortSettings
-from tickfix.ports.sockets import bind, demand_keys, endpoint_of, open_router, open_socket
+from tickfix.ports.sockets import bind, demand_keys, endpoint_of, open_router, open_socket, raise_file_limit
 
 _QUEUED: Final = {"sensors": 256, "positions": 10_000, "control": 64, "follow": 20_000}
 """High-water marks, messages per peer. What a sensor sends beyond them waits in its own connection."""
@@ -63,6 +63,7 @@ class OpenPorts:
         Raises:
             PortError: naming address and cause.
         """
+        raise_file_limit()
         self._context = zmq.Context()
         try:
             if self._engine is not None:

@@ -36,6 +36,16 @@ def check_libzmq(version: tuple[int, ...], *, curve: bool = True) -> None:
         raise PortError("this libzmq was built without CURVE, so keys cannot be used; install pyzmq from its wheels")
 
 
+def raise_file_limit() -> None:
+    """Let this process have as many file descriptors as it may: whoever connects takes one, before any handshake."""
+    with suppress(ImportError, ValueError, OSError):
+        import resource  # noqa: PLC0415 - not there on all systems
+
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        if soft != hard:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+
+
 def open_socket(context: zmq.Context[Any], kind: int, *, queued: int, frame_bytes: int) -> zmq.Socket[bytes]:
     """Make a socket with the options that every port shares.
 

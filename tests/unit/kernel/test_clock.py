@@ -49,6 +49,10 @@ def test_the_reach_is_a_minute_where_no_steady_stream_was_heard_for_as_long() ->
     assert clock.reach_ns == 161 * S + LEAP_NS
 
 
+def test_near_zero_a_steady_stream_that_was_never_heard_shortens_no_reach() -> None:
+    assert clock_at(1, "scan").reach_ns == S + LEAP_NS
+
+
 def test_a_short_horizon_shortens_the_reach() -> None:
     assert DeviceClock(2 * S).jump_ns == S
 

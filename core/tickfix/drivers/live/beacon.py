@@ -36,11 +36,16 @@ class Beacon:
         self._memory = mmap.mmap(-1, _SIZE) if memory is None else memory
         self._places = {} if places is None else places
         self._at = at
+        if memory is None:
+            self.begin()
         self.alive()
 
     def begin(self) -> None:
         """Prepare for another engine, which does not serve yet."""
         self._memory[_SERVES] = 0
+        self._memory[_NAMES : _NAMES + 3] = b"{}\0"
+        for n in range(WORKERS):
+            self.of_worker(n).rest()
         self.alive()
 
     def of_worker(self, n: int) -> Beacon:
@@ -64,8 +69,6 @@ class Beacon:
 
     def introduce(self, pipelines: Iterable[Pipeline]) -> None:
         """Write down the stages that may be called, before there is any worker."""
-        for n in range(WORKERS):
-            self.of_worker(n).rest()
         stages: dict[str, str] = {}
         needed: dict[str, list[str]] = {}
         for pipeline in pipelines:
@@ -95,7 +98,10 @@ class Beacon:
         called = min(((signed_ns, place) for signed_ns, place in self._signs() if place >= 0), default=None)
         if called is None:
             return None
-        key, label = self._introduced()["stages"][called[1]]
+        stages = self._introduced().get("stages", [])
+        if called[1] >= len(stages):
+            return None
+        key, label = stages[called[1]]
         return key, label
 
     @property
@@ -108,7 +114,10 @@ class Beacon:
         return [name for name, keys in self._introduced().get("needed", {}).items() if key not in keys]
 
     def _introduced(self) -> dict[str, Any]:
-        found: dict[str, Any] = json.loads(self._memory[_NAMES:].split(b"\0", 1)[0])
+        try:
+            found: dict[str, Any] = json.loads(self._memory[_NAMES:].split(b"\0", 1)[0])
+        except ValueError:  # it is being written, or an engine gone mad has written there
+            return {}
         return found
 
     def _signs(self) -> list[tuple[int, int]]:

@@ -7,12 +7,12 @@ from typing import Final
 
 from tickfix.api import Event
 from tickfix.drivers.live.saying import Saying
-from tickfix.journal import JournalWriter, Kind
+from tickfix.journal import JournalCrowded, JournalWriter, Kind
 from tickfix.ports import Hub
 from tickfix.wire.decisions import Decision, encode_decision
 
-_ROUNDS: Final = 1_000
-"""Rounds until a snapshot that could not be made is tried again."""
+_ROUNDS: Final = 200
+"""Rounds until a segment that could not be begun is tried again."""
 
 
 class Ledger:
@@ -83,8 +83,14 @@ class Ledger:
             self._put_off = _ROUNDS
             self.problem = f"no snapshot could be made, so no new segment: {type(error).__name__}: {error}"
             return
+        try:
+            self._journal.new_segment(kept)
+        except JournalCrowded as error:
+            # Connections have taken all file descriptors; what is open goes on until they are gone.
+            self._put_off = _ROUNDS
+            self.problem = str(error)
+            return
         self.problem = ""
-        self._journal.new_segment(kept)
 
     def when_durable(self, number: int, then: Callable[[], None]) -> None:
         """Have ``then`` called once every record up to ``number`` is on the disk; at once without a journal."""

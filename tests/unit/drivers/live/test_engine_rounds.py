@@ -1,0 +1,152 @@
+"""Rounds of the loop, one by one, with real ports and a real replica."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tickfix import config
+from tickfix.api import Context, Event, MotionSamples, Pressure, Samples, Scan
+from tickfix.drivers.live.engine import Engine
+from tickfix.drivers.live.ledger import Ledger
+from tickfix.drivers.live.locating import Locator
+from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.settings import LiveSettings
+from tickfix.kernel import KernelSettings
+from tickfix.kernel.device import Device
+from tickfix.plugins import discover
+from tickfix.ports import Hub, Incoming, Peer, PeerLimits, PortSettings
+from tickfix.ports.peers import Account
+from tickfix.wire import Bye
+
+S = 1_000_000_000
+CONFIG = '[pipelines.k]\npdr = "steps"\nfilter = "kalman"\n'
+ANY = "tcp://127.0.0.1:*"
+
+
+class Rounds:
+    """An engine that goes round when it is told to; nothing comes in by its ports."""
+
+    def __init__(self) -> None:
+        pipelines = config.build(config.parse(CONFIG, "test", discover()).pipelines, Context(floors={}), {})
+        self.replica = Replica(pipelines, KernelSettings())
+        ports = PortSettings(sensors=ANY, positions=ANY, control=ANY, follow="")
+        self.hub = Hub(ports, run="r", site="s", describe=lambda _, __: {})
+        self.hub.start()
+        self.told: list[str] = []
+        self.locator = Locator(self.replica.kernel.questions, self.hub.wake)
+        self.engine = Engine(
+            self.replica,
+            self.locator,
+            self.hub,
+            Ledger(None, self.hub),
+            LiveSettings(),
+            site="s",
+            names=["k"],
+            tell=self.told.append,
+        )
+        self._peer = Peer(Account("p", None, PeerLimits(), 0), b"nobody", delimited=False)
+
+    def round(self, *events: Event | Bye) -> None:
+        self.engine._round([Incoming(event, self._peer, False, time.monotonic_ns()) for event in events])
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        found: dict[str, int] = self.hub.counters()["intake"]["outcomes"]
+        return {outcome: n for outcome, n in found.items() if n}
+
+    def close(self) -> None:
+        self.locator.stop()
+        self.hub.stop()
+
+
+@pytest.fixture
+def rounds() -> Iterator[Rounds]:
+    rounds = Rounds()
+    yield rounds
+    rounds.close()
+
+
+def motion(device: str, times_s: list[float], sensor: str = "accelerometer", seq: int = 0) -> MotionSamples:
+    t_ns = np.array([round(t * S) for t in times_s], np.int64)
+    columns = 1 if sensor == "pressure" else 3
+    sensors = {sensor: Samples(t_ns, np.ones((len(t_ns), columns)))}
+    return MotionSamples(sensors=sensors, device=device, session="s", seq=seq)
+
+
+def test_a_goodbye_of_one_leaves_nothing_undone_of_another_whose_clock_began_anew(rounds: Rounds) -> None:
+    rounds.round(motion("a", [100.0, 100.5, 101.0]), motion("b", [100.0]))
+    anew = motion("a", [9000.0, 9001.0, 9002.5])
+    rounds.round(anew, Bye(v=1, device="b"))
+    assert rounds.replica.snapshot()
+    assert rounds.replica.standings()["a"].epoch == 1
+    assert list(rounds.replica.standings()) == ["a"]
+
+
+def test_what_one_message_makes_due_is_folded_over_many_rounds_and_more_is_put_off(rounds: Rounds) -> None:
+    bomb = motion("bomb", [59.0 * n for n in range(4_000)], "pressure")
+    rounds.round(bomb)
+    ticks = []
+    for n in range(60):
+        rounds.round(motion("good", [10.0 + n / 5]))
+        ticks.append(rounds.engine.report()["ticks"])
+    assert max(np.diff(ticks)) < 300
+    assert rounds.engine.report()["ticks"] > 3_000
+    assert rounds.replica.standings()["good"].behind == 0
+    before = rounds.outcomes.get("busy", 0)
+    bombs = [replace(bomb, sensors={"pressure": Samples(one.t_ns + shift, one.values)}) for one, shift in again(bomb)]
+    rounds.round(*bombs)
+    rounds.round(*bombs)
+    assert rounds.outcomes["busy"] > before
+    assert rounds.engine.report()["put off"] > 0
+    rounds.round(Bye(v=1, device="bomb"))
+    assert "bomb" in rounds.replica.standings()
+
+
+def again(bomb: MotionSamples) -> list[tuple[Samples, int]]:
+    return [(bomb.sensors["pressure"], n * 649 * S) for n in range(1, 8)]
+
+
+def test_more_scans_than_can_wait_are_put_off(rounds: Rounds) -> None:
+    def scan(n: int) -> Scan:
+        t_ns = 100 * S + n
+        heard_ns = np.array([t_ns], np.int64)
+        return Scan(transmitters=("a",), rssi_dbm=np.array([-60.0]), heard_ns=heard_ns, device="d", session="s", seq=n)
+
+    for n in range(1, 400):
+        rounds.engine._take_in_safely(Incoming(scan(n), rounds._peer, False, 0))
+        rounds.engine._do_tasks()
+    assert rounds.outcomes == {"busy": 399 - 256}
+
+
+def test_a_message_that_cannot_be_written_down_is_answered_and_ends_nothing(rounds: Rounds) -> None:
+    rounds.round(Pressure(t_ns=2**70, pressure_hpa=1.0, device="d"), motion("good", [1.0]))
+    rounds.round(motion("good", [1.2]))
+    assert rounds.outcomes == {"accepted": 2, "malformed": 1}
+    assert "could not be taken in: WireError" in rounds.told[0]
+    assert rounds.engine.report()["mishaps"] == 1
+
+
+def test_a_device_that_the_kernel_lost_is_forgotten_by_the_loop(
+    rounds: Rounds, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rounds.round(motion("d", [1.0]), motion("good", [1.0]))
+    honest = Device.run
+
+    def broken(device: Device, tick: int | None = None, most: int | None = None) -> Any:
+        if device._device == "d" and device.number == 0:
+            raise ZeroDivisionError
+        return (yield from honest(device, tick, most))
+
+    monkeypatch.setattr(Device, "run", broken)
+    rounds.round(motion("d", [1.5]), motion("good", [1.5]))
+    assert rounds.replica.kernel.devices == ("good",)
+    assert [one["device"] for one in rounds.engine.devices(10)] == ["good"]
+    assert rounds.engine.report()["failures"] == {"device lost: ZeroDivisionError": 1}
+    rounds.round(motion("d", [2.0]), motion("good", [2.0]))
+    assert rounds.replica.standings()["d"].epoch == 1
