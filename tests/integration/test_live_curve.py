@@ -8,18 +8,23 @@ from pathlib import Path
 from live_lab import LIGHT, PORTS, Lab, outcome
 from stored_floor import Command
 
+from tickfix.cli.keys import app as keys_app
 from tickfix.client import Control, Keys
-from tickfix.ports.keys import new_pair
+
+
+def make(*arguments: object) -> None:
+    """Run ``tickfix keys``, in this process: nothing in it lives on."""
+    keys_app([str(argument) for argument in arguments], standalone_mode=False)
 
 
 def test_commands_come_in_with_their_keys_and_are_told_what_to_do_without(
     lab: Lab, floor_folder: Path, tickfix: Command
 ) -> None:
     keys = lab.place / "keys"
-    tickfix("keys", "new", "engine", "--folder", keys)
-    tickfix("keys", "new", "phone", "--folder", keys, "--device", "survey-F1-01", "--port", "sensors")
-    tickfix("keys", "new", "desk", "--folder", keys, "--port", "positions", "--port", "control")
-    new_pair("stranger", keys)
+    make("new", "engine", "--folder", keys)
+    make("new", "phone", "--folder", keys, "--device", "survey-F1-01", "--port", "sensors")
+    make("new", "desk", "--folder", keys, "--port", "positions", "--port", "control")
+    make("new", "stranger", "--folder", keys)
     desk, phone, stranger = (("--key", keys / f"{name}.key") for name in ("desk", "phone", "stranger"))
     one, other = sorted((floor_folder / "path_data_files").glob("*.txt"))[:2]
 

@@ -135,10 +135,12 @@ def _play(
 
 
 def _finish(sensor: Sensor, address: str, clock: Callable[[], float], *, stay: bool) -> None:
-    """Wait until all was acknowledged, and say goodbye, as long as there is hope and patience."""
-    until_s = clock() + _PATIENCE_S
+    """Wait until all was acknowledged, and say goodbye; give up when nothing was acknowledged for a long time."""
+    until_s, waiting = clock() + _PATIENCE_S, sensor.unacknowledged
     while not (sensor.flush(_LOOK_S) if stay else sensor.bye(_LOOK_S)) and clock() < until_s:
         _check(sensor, address)
+        if sensor.unacknowledged != waiting:
+            until_s, waiting = clock() + _PATIENCE_S, sensor.unacknowledged
 
 
 def _check(sensor: Sensor, address: str) -> None:

@@ -24,6 +24,8 @@ from tickfix.drivers.live.lifeline import die_with
 from tickfix.drivers.live.serving import Order
 
 _LOOK_S: Final = 0.05
+_ASLEEP_S: Final = 1.0
+"""A supervisor that comes to look so late was stopped itself, and the engine with it: no silence to hold against it."""
 CRASHED: Final = 70
 """Exit code of an engine that failed in a way nobody foresaw (EX_SOFTWARE)."""
 _SPAN_S: Final = 60.0
@@ -200,13 +202,19 @@ def _start(order: Order, engine: Callable[[Order, Beacon], int], beacon: Beacon)
 
 def _wait(child: _Child, beacon: Beacon, silence_s: float) -> int:
     """Wait for the child's end; kill it when it hangs. Return the exit code, or minus the signal."""
+    looked_s = awake_s = time.monotonic()
     while True:
         pid, status = os.waitpid(child.pid, os.WNOHANG)
         if pid:
             os.close(child.lifeline)
             return os.waitstatus_to_exitcode(status)
+        now_s = time.monotonic()
+        if now_s - looked_s > _ASLEEP_S:
+            awake_s = now_s
+        looked_s = now_s
         starting = not beacon.serves and beacon.stage is None
-        if not child.hung and beacon.silence_s > (max(silence_s, _STARTING_S) if starting else silence_s):
+        patience_s = max(silence_s, _STARTING_S) if starting else silence_s
+        if not child.hung and min(beacon.silence_s, now_s - awake_s) > patience_s:
             child.hung = True
             os.kill(child.pid, signal.SIGKILL)
         time.sleep(_LOOK_S)
