@@ -8,6 +8,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from tickfix.evaluation.cells import metres, percent, winner
 from tickfix.evaluation.summary import PipelineSummary, Summary
 
 _Cell = Callable[[PipelineSummary], float | None]
@@ -35,10 +36,10 @@ def pooled_table(summary: Summary) -> Table:
     columns = []
     for title, cell in _METRES:
         table.add_column(title, justify="right", no_wrap=True)
-        columns.append(_column([cell(pipeline) for pipeline in summary.pipelines.values()], _metres, min))
+        columns.append(_column([cell(pipeline) for pipeline in summary.pipelines.values()], metres, min))
     for title, cell in _SHARES:
         table.add_column(title, justify="right", no_wrap=True)
-        columns.append(_column([cell(pipeline) for pipeline in summary.pipelines.values()], _percent, max))
+        columns.append(_column([cell(pipeline) for pipeline in summary.pipelines.values()], percent, max))
     for i, name in enumerate(summary.pipelines):
         table.add_row(Text(name), *(column[i] for column in columns))
     return table
@@ -59,7 +60,7 @@ def walk_table(summary: Summary) -> Table:
         table.add_column(Text(name), justify="right", overflow="fold")
     for walk in summary.walks:
         means = [walk.pipelines[name].figures.mean_m for name in summary.pipelines]
-        cells = _column(means, _metres, min)
+        cells = _column(means, metres, min)
         table.add_row(Text(walk.name), Text(walk.floor), f"{walk.scored}/{walk.waypoints}", *cells)
     return table
 
@@ -68,7 +69,7 @@ def _caption(summary: Summary) -> str:
     waypoints = sum(walk.waypoints for walk in summary.walks)
     scored = sum(walk.scored for walk in summary.walks)
     shares = {pipeline.covered_share for pipeline in summary.pipelines.values()} - {None}
-    covered = f", {_percent(shares.pop())} of them covered by the survey" if shares else ""
+    covered = f", {percent(shares.pop())} of them covered by the survey" if shares else ""
     walks = "walk" if len(summary.walks) == 1 else "walks"
     return f"{scored} of {waypoints} waypoints of {len(summary.walks)} {walks} scored{covered}"
 
@@ -76,15 +77,5 @@ def _caption(summary: Summary) -> str:
 def _column(
     values: Sequence[float | None], show: Callable[[float | None], str], best: Callable[[Sequence[float]], float]
 ) -> list[Text]:
-    known = [value for value in values if value is not None]
-    shown = [show(value) for value in values]
-    winner = show(best(known)) if known and len(set(shown)) > 1 else None
-    return [Text(text, style="bold" if text == winner else "") for text in shown]
-
-
-def _metres(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f}"
-
-
-def _percent(value: float | None) -> str:
-    return "–" if value is None else f"{100 * value:.1f} %"
+    best_shown = winner(values, show, best)
+    return [Text(text, style="bold" if text == best_shown else "") for text in map(show, values)]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from tickfix.api import Floats
-from tickfix.reproduction.report import Claim, Interval
+from tickfix.reproduction.report import Cell, Claim, Interval
 
 _LEVEL = 0.95
 
@@ -46,6 +46,17 @@ def reduction(before: Sequence[float] | Floats, after: Sequence[float] | Floats)
 def exact(value: float) -> Interval:
     """Return a figure in which no chance is: it rests on no seed."""
     return Interval(mean=value, low=value, high=value, seeds=0)
+
+
+def row(ours: Sequence[Sequence[float] | Floats], paper: Sequence[float | None] = ()) -> tuple[Cell, ...]:
+    """Return a row of a table: our means over seeds, beside the paper's figures where it prints any.
+
+    Args:
+        ours: for each column one value per seed.
+        paper: a figure for each column, or nothing at all.
+    """
+    printed = paper or (None,) * len(ours)
+    return tuple(Cell(paper=p, ours=mean(values)) for p, values in zip(printed, ours, strict=True))
 
 
 def judge(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,76 +13,21 @@ from tickfix.api import (
     TICK_NS,
     BasePdr,
     Context,
-    Floats,
-    Ints,
     Motion,
     MotionSamples,
     Preset,
     Rng,
     Survey,
     Trained,
-    parameter,
     wrap_rad,
 )
-from tickfix_pdr import elm_model
 from tickfix_pdr.elm_model import Elm
-from tickfix_pdr.elm_windows import Felt, felt, folds, heading_features, joined, velocity_features, windows
+from tickfix_pdr.elm_params import ElmParams
+from tickfix_pdr.elm_training import train
+from tickfix_pdr.elm_windows import Felt, felt, heading_features, headings, joined, velocities, velocity_features
 from tickfix_pdr.heading import fold_gravity, fold_yaw
 
-_FEWEST_WINDOWS = 50
 _SHAKE_S = 0.5
-_FASTEST_MPS = 3.0  # nobody indoors runs faster; a network says anything for what it never saw
-Activation = Literal["hardlim", "sigmoid"]
-
-
-@dataclass(frozen=True)
-class ElmParams:
-    """Parameters of ``elm``."""
-
-    window_ms: Annotated[
-        int,
-        parameter(
-            "T_w, whole ticks over whose samples features are averaged; the last one is told",
-            unit="ms",
-            source="[jiang2015] 8.2.1",
-            ge=200,
-            trains=True,
-        ),
-    ] = 200
-    velocity_nodes: Annotated[
-        tuple[int, ...], parameter("hidden nodes to choose from", source="[jiang2015] 8.2.2", trains=True)
-    ] = (25, 50, 100, 200, 400)
-    heading_nodes: Annotated[
-        tuple[int, ...], parameter("hidden nodes to choose from", source="[jiang2015] 8.2.2", trains=True)
-    ] = (25, 50, 100, 200, 400)
-    velocity_activation: Annotated[
-        Activation, parameter("g(x) for the velocity", source="[jiang2015] 8.2.2", trains=True)
-    ] = "hardlim"
-    heading_activation: Annotated[
-        Activation, parameter("g(x) for the orientation", source="[jiang2015] 8.2.2", trains=True)
-    ] = "sigmoid"
-    fold_count: Annotated[
-        int, parameter("folds of the cross-validation", source="[jiang2015] 8.2.2", ge=2, trains=True)
-    ] = 10
-    keep_chains: Annotated[bool, parameter("folds keep a chain of walks together; else at random", trains=True)] = True
-    as_vector: Annotated[
-        bool, parameter("regress the heading as sine and cosine; else the plain angle", trains=True)
-    ] = True
-    ridge: Annotated[
-        float, parameter("regularisation per sample", source="[jiang2015] eq. (10)", gt=0, trains=True)
-    ] = 1e-3
-    still_mps2: Annotated[
-        float, parameter("a phone that shakes less is at rest; 0: as the network says", unit="m/s²", ge=0)
-    ] = 0.15
-
-    def __post_init__(self) -> None:
-        """Check the window.
-
-        Raises:
-            ValueError: when it is not made of whole ticks.
-        """
-        if self.window_ms * 1_000_000 % TICK_NS:
-            raise ValueError(f"window_ms: found {self.window_ms}, expected a multiple of {TICK_NS // 1_000_000}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,12 +121,12 @@ class ElmPdr(BasePdr[ElmParams]):
         window = (*state.recent, felt(samples))
         mean = joined(window)
         x = velocity_features(mean)
-        v = 0.0 if x is None or still else float(np.clip(self._velocity(x[None])[0, 0], 0.0, _FASTEST_MPS))
+        v = 0.0 if x is None or still else float(velocities(self._velocity(x[None]))[0])
         distance_m = v * dt  # eq. (13), with T_w the tick
         x_o = heading_features(mean, as_vector=self.params.as_vector)
         heading = state.heading_rad
         if x_o is not None:
-            heading = float(_angle(self._heading(x_o[None]))[0])
+            heading = float(headings(self._heading(x_o[None]))[0])
         elif heading is not None:
             heading = float(wrap_rad(heading + (turned or 0.0)))
         if turned is None and heading is not None and state.heading_rad is not None:
@@ -205,81 +150,5 @@ class ElmPdr(BasePdr[ElmParams]):
 
     @staticmethod
     def train(params: ElmParams, survey: Survey, rng: Rng) -> Trained:
-        """Train both networks on the survey's walks.
-
-        Returns:
-            The networks; ``velocity_mse`` and ``heading_mse`` by number of nodes as rows (nodes, MSE); ``errors``: (4,)
-            of the velocity from tick to tick (m/s) and of a walk (relative), of the heading likewise (both radians);
-            ``window_mse``: (2,) of the chosen networks in windows they did not see, m²/s² and, the shorter way round,
-            rad², the figures of [jiang2015] Table 3.
-
-        Raises:
-            ValueError: when the survey has too few windows with all four sensors and waypoints.
-        """
-        velocity, heading = windows(survey.walks, params.window_ms * 1_000_000, as_vector=params.as_vector)
-        if min(len(velocity.t), len(heading.t)) < _FEWEST_WINDOWS:
-            raise ValueError(
-                f"elm: found {len(velocity.t)} windows for the velocity and {len(heading.t)} for the heading, needs "
-                f"{_FEWEST_WINDOWS}: walks with waypoints, accelerometer, gyroscope, magnetometer and rotation vector"
-            )
-        names = sorted({walk.chain for walk in survey.walks})
-        chain = np.array([names.index(walk.chain) for walk in survey.walks])
-
-        def fold(walk: Ints) -> Ints:
-            return folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=rng)
-
-        v = elm_model.train(
-            velocity.x,
-            velocity.t[:, None],
-            fold(velocity.walk),
-            params.velocity_nodes,
-            activation=params.velocity_activation,
-            ridge=params.ridge,
-            rng=rng,
-        )
-        o = elm_model.train(
-            heading.x,
-            np.stack([np.sin(heading.t), np.cos(heading.t)], axis=1) if params.as_vector else heading.t[:, None],
-            fold(heading.walk),
-            params.heading_nodes,
-            activation=params.heading_activation,
-            ridge=params.ridge,
-            rng=rng,
-        )
-        model: dict[str, Any] = {**v.elm.arrays("velocity"), **o.elm.arrays("heading")}
-        model["velocity_mse"] = np.stack([v.nodes, v.mse])
-        model["heading_mse"] = np.stack([o.nodes, o.mse])
-        missed = velocity.t - np.clip(v.held_out[:, 0], 0.0, _FASTEST_MPS)
-        mean = _by_walk(missed, velocity.walk)
-        off = wrap_rad(heading.t - _angle(o.held_out))
-        bias = np.arctan2(_by_walk(np.sin(off), heading.walk), _by_walk(np.cos(off), heading.walk))
-        model["window_mse"] = np.array([np.mean((velocity.t - v.held_out[:, 0]) ** 2), np.mean(off**2)])
-        model["errors"] = np.array(
-            [
-                _rms(missed - mean),
-                _rms(mean) / max(float(velocity.t.mean()), 0.1),
-                _spread(wrap_rad(off - bias)),
-                _rms(bias),
-            ]
-        )
-        return model
-
-
-def _angle(told: Floats) -> Floats:
-    """Return headings (N,) of outputs (N, 2), sine and cosine, or (N, 1), angles."""
-    return np.arctan2(told[:, 0], told[:, 1]) if told.shape[1] == 2 else wrap_rad(told[:, 0])
-
-
-def _by_walk(values: Floats, walk: Ints) -> Floats:
-    """Return for each value (N,) the mean of its walk."""
-    mean: Floats = (np.bincount(walk, values) / np.maximum(np.bincount(walk), 1))[walk]
-    return mean
-
-
-def _spread(values: Floats) -> float:
-    """Return the standard deviation by the median: a spline through sparse waypoints errs far where people stop."""
-    return float(1.4826 * np.median(np.abs(values)))
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+        """Train both networks on the survey's walks, see :func:`~tickfix_pdr.elm_training.train`."""
+        return train(params, survey, rng)

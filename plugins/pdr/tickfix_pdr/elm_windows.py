@@ -1,4 +1,4 @@
-"""Features and labels of windows, [jiang2015] section 4: what the phone felt, and how it truly moved meanwhile.
+"""Features, labels and outputs of windows, [jiang2015] section 4: what the phone felt, and how it moved meanwhile.
 
 Features are means over a window, eq. (3). The orientation is the mean rotation vector as Android's azimuth, pitch and
 roll: the mean is taken of the vector, since angles jump at ±180°. Labels come from cubic splines through the waypoints.
@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tickfix.api import Floats, Ints, MotionSamples, SurveyWalk, frozen
+from tickfix.api import Floats, Ints, MotionSamples, SurveyWalk, frozen, wrap_rad
 from tickfix_pdr.calibration import within
 
+_FASTEST_MPS = 3.0  # nobody indoors runs faster; a network says anything for what it never saw
 _SLOWEST_MPS = 0.2  # below it the spline's direction is that of its error
 
 
@@ -95,6 +96,16 @@ def heading_features(window: Felt, *, as_vector: bool) -> Floats | None:
     roll = np.arctan2(-2.0 * (x * z - y * w), 1.0 - 2.0 * (x * x + y * y))
     turned = [np.sin(azimuth), np.cos(azimuth)] if as_vector else [azimuth]
     return np.concatenate([[*turned, pitch, roll], window.sums[6:9] / window.counts[2]])
+
+
+def velocities(told: Floats) -> Floats:
+    """Return metres a second (N,) of outputs (N, 1)."""
+    return np.clip(told[:, 0], 0.0, _FASTEST_MPS)
+
+
+def headings(told: Floats) -> Floats:
+    """Return headings (N,) of outputs (N, 2), sine and cosine, or (N, 1), angles."""
+    return np.arctan2(told[:, 0], told[:, 1]) if told.shape[1] == 2 else wrap_rad(told[:, 0])
 
 
 def windows(walks: tuple[SurveyWalk, ...], window_ns: int, *, as_vector: bool) -> tuple[Windows, Windows]:

@@ -16,7 +16,8 @@ from tickfix.simulation import SimulatedWalk, demo_building, simulate_survey
 from tickfix.site.walks import survey_walk
 from tickfix_pdr import elm_model
 from tickfix_pdr.calibration import within
-from tickfix_pdr.elm import ElmParams, ElmPdr
+from tickfix_pdr.elm import ElmPdr
+from tickfix_pdr.elm_params import ElmParams
 from tickfix_pdr.elm_windows import Felt, felt, folds, heading_features, joined, velocity_features
 
 Reckon = Callable[[Any, SimulatedWalk], list[Motion]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -19,34 +19,13 @@ from tickfix.evaluation.comparison.result import Result
 from tickfix.evaluation.metrics.curves import curve
 from tickfix.evaluation.pictures import draw_cdf
 from tickfix.evaluation.report.chart import Chart, quiet
+from tickfix.evaluation.report.looks import chosen, looks
 from tickfix.evaluation.report.sweeps import sweep_charts
-from tickfix.evaluation.style import INK, QUIET, Line, canvas, legend, lines, printable
-
-MOST_LINES: Final = 6
-"""More lines than there are colours cannot be told apart: the baseline and the best are drawn."""
+from tickfix.evaluation.style import INK, QUIET, canvas, legend, printable
 
 _FEWEST: Final = 5
 _TICKS_M: Final = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
 _NOMINAL: Final = np.linspace(0.02, 0.98, 49)
-
-
-def chosen(result: Result) -> tuple[str, ...]:
-    """Return the pipelines that are drawn, in their order: the baseline and those with the least mean error."""
-    if len(result.pipelines) <= MOST_LINES:
-        return result.pipelines
-
-    def mean_m(name: str) -> float:
-        found = result.figures[name][Scope.ALL.value]["mean_m"]
-        return float("inf") if found is None else float(found)
-
-    best = sorted((n for n in result.pipelines if n != result.baseline), key=mean_m)[: MOST_LINES - 1]
-    return tuple(name for name in result.pipelines if name == result.baseline or name in best)
-
-
-def looks(result: Result) -> Mapping[str, Line]:
-    """Return how each pipeline that is drawn looks, in all figures alike."""
-    names = chosen(result)
-    return dict(zip(names, lines(len(names)), strict=True))
 
 
 def draw_charts(result: Result, folder: Path) -> tuple[Chart, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
@@ -12,8 +11,8 @@ from tickfix.api import Floor
 from tickfix.evaluation.comparison.points import Scope
 from tickfix.evaluation.comparison.result import Result
 from tickfix.evaluation.report.chart import Chart
-from tickfix.evaluation.report.charts import chosen, looks
-from tickfix.evaluation.report.plans import plan_symbols, walk_pictures
+from tickfix.evaluation.report.elements import figure_html, table_html
+from tickfix.evaluation.report.page_walks import walks_html
 from tickfix.evaluation.report.tables import (
     Table,
     comparison_table,
@@ -25,7 +24,7 @@ from tickfix.evaluation.report.tables import (
     track_table,
     trust_table,
 )
-from tickfix.evaluation.report.trouble import WorstWalk, worst_walks
+from tickfix.evaluation.report.trouble import worst_walks
 
 _LISTED: Final = 12
 
@@ -46,14 +45,14 @@ def html_page(result: Result, charts: Sequence[Chart], floors: Mapping[tuple[str
         f"<h1>Comparison of {escape(names if len(names) < 120 else f'{len(result.pipelines)} pipelines')}</h1>",
         _summary(result, len(walks)),
         _section("Verdict", _verdicts(result)),
-        _section("Figures", "".join(_figure(chart, i) for i, chart in enumerate(charts))),
-        _section("Errors", "".join(_table(table) for table in error_tables(result))),
+        _section("Figures", "".join(figure_html(chart, i) for i, chart in enumerate(charts))),
+        _section("Errors", "".join(table_html(table) for table in error_tables(result))),
         _section("Differences", _comparisons(result)),
-        _section("Tracks", _table(track_table(result))),
-        _section("Uncertainty", _table(trust_table(result))),
-        _section("Cost", _table(cost_table(result))),
-        _section("Where", _table(ground_table(result)) if len(result.grounds) > 1 else ""),
-        _section("Walks, the worst first", _walks(result, drawn, len(walks), floors)),
+        _section("Tracks", table_html(track_table(result))),
+        _section("Uncertainty", table_html(trust_table(result))),
+        _section("Cost", table_html(cost_table(result))),
+        _section("Where", table_html(ground_table(result)) if len(result.grounds) > 1 else ""),
+        _section("Walks, the worst first", walks_html(result, drawn, len(walks), floors)),
         _section("How it was made", _provenance(result)),
     ]
     style = files("tickfix.evaluation.report").joinpath("page.css").read_text("utf-8")
@@ -63,15 +62,6 @@ def html_page(result: Result, charts: Sequence[Chart], floors: Mapping[tuple[str
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<style>{style}</style></head><body>\n{chr(10).join(sections)}\n</body></html>\n"
     )
-
-
-def inline(svg: str, prefix: str) -> str:
-    """Return an SVG file as part of a page: without prolog, and with ids that no other figure has."""
-    body = svg[svg.index("<svg") :]
-    body = re.sub(r"<metadata>.*?</metadata>", "", body, flags=re.DOTALL)
-    body = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}\1"', body)
-    body = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}\1)", body)
-    return re.sub(r'xlink:href="#([^"]+)"', rf'xlink:href="#{prefix}\1"', body)
 
 
 def _section(title: str, body: str) -> str:
@@ -127,79 +117,7 @@ def _comparisons(result: Result) -> str:
     note = (
         "The verdict is about one metric chosen before. Searching this table for a small p finds one sooner or later."
     )
-    return _table(comparison_table(result.comparisons, caption)) + f'<p class="note">{note}</p>'
-
-
-def _figure(chart: Chart, number: int) -> str:
-    svg = inline(chart.path.read_text("utf-8"), f"f{number}-")
-    return (
-        f"<figure>{svg}<figcaption><b>{escape(chart.title)}.</b> {escape(chart.caption)} "
-        f"<small>{escape(chart.path.parent.name)}/{escape(chart.path.name)}</small></figcaption></figure>\n"
-    )
-
-
-def _table(table: Table) -> str:
-    best = table.best or (frozenset[int](),) * len(table.rows)
-    head = "".join(f"<th>{escape(title)}</th>" for title in table.columns)
-    body = "".join(
-        "<tr>" + "".join(_cell(i, cell, is_best=i - 1 in good) for i, cell in enumerate(row)) + "</tr>\n"
-        for row, good in zip(table.rows, best, strict=True)
-    )
-    caption = f"<caption>{escape(table.caption)}</caption>"
-    return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>\n'
-
-
-def _cell(column: int, text: str, *, is_best: bool) -> str:
-    if column == 0:
-        return f"<th>{escape(text)}</th>"
-    shown = f"<b>{escape(text)}</b>" if is_best else escape(text)
-    return f"<td>{shown}</td>"
-
-
-def _walks(result: Result, drawn: Sequence[WorstWalk], total: int, floors: Mapping[tuple[str, str], Floor]) -> str:
-    if not drawn:
-        return ""
-    used = {(walk.trial.ground, floor) for walk in drawn for floor in _any_floors(walk)}
-    plans = {key: floor for key, floor in floors.items() if key in used}
-    look = looks(result)
-    key = "".join(
-        f'<span class="key"><svg width="34" height="8"><line x1="0" y1="4" x2="34" y2="4" stroke="{line.color}" '
-        f'stroke-width="{1.2 * line.width:g}" stroke-dasharray="{_dashes(line.dashes)}"/></svg>{escape(name)}</span>'
-        for name, line in look.items()
-    )
-    told = f"{len(drawn)} of {total} walks are drawn; --draw {total} draws all. " if len(drawn) < total else ""
-    what = (
-        f"{told}Black: truth at waypoints, straight between them; the ring is the start. Tracks as published, a place "
-        "a second. A square marks the waypoint at which the pipeline of that colour was worst."
-    )
-    missing = [name for name in result.pipelines if name not in chosen(result)]
-    if missing:
-        what += f" Not drawn: {', '.join(missing)}."
-    pictures = "".join(_walk(walk, plans, result) for walk in drawn)
-    return f'{plan_symbols(plans)}<p class="note">{escape(what)}</p><p>{key}</p>{pictures}'
-
-
-def _walk(walk: WorstWalk, plans: Mapping[tuple[str, str], Floor], result: Result) -> str:
-    trial = walk.trial
-    seed = f", seed {trial.seed}" if len(result.provenance.get("seeds", [])) > 1 else ""
-    title = f"{trial.ground}: {trial.walk}{seed}"
-    pictures = "".join(
-        f"{svg}<div><small>{escape(floor)}</small></div>" for floor, svg in walk_pictures(walk, plans, looks(result))
-    )
-    rows = tuple(
-        (
-            t.pipeline,
-            f"{t.mean_m:.1f}",
-            f"{t.worst_m:.1f}",
-            f"{t.worst_s:.0f}",
-            "; ".join(filter(None, (t.floor, "" if t.covered else "not surveyed", t.words))),
-        )
-        for t in walk.troubles
-    )
-    columns = ("pipeline", "mean, m", "worst, m", "at, s", "what the pipeline said of itself there")
-    table = Table(caption="", columns=columns, rows=rows)
-    body = _table(table) if rows else "<p>No waypoint was scored.</p>"
-    return f'<article class="walk"><h3>{escape(title)}</h3>{pictures}{body}</article>\n'
+    return table_html(comparison_table(result.comparisons, caption)) + f'<p class="note">{note}</p>'
 
 
 def _provenance(result: Result) -> str:
@@ -228,7 +146,9 @@ def _provenance(result: Result) -> str:
             rows=tuple(dict.fromkeys((t.ground, t.walk, t.sha256) for t in result.trials)),
         ),
     ]
-    details = "".join(f"<details><summary>{escape(t.caption)}</summary>{_table(t)}</details>" for t in tables if t.rows)
+    details = "".join(
+        f"<details><summary>{escape(t.caption)}</summary>{table_html(t)}</details>" for t in tables if t.rows
+    )
     return f"<dl>{listed}</dl>{details}"
 
 
@@ -238,12 +158,3 @@ def _folds(found: Mapping[str, Any] | None) -> str:
 
 def _texts(rows: Iterable[tuple[Any, ...]]) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(map(str, row)) for row in rows)
-
-
-def _any_floors(walk: WorstWalk) -> set[str]:
-    outcome = next(iter(walk.trial.outcomes.values()))
-    return set(outcome.points.floors) | {outcome.floor}
-
-
-def _dashes(dashes: Any) -> str:
-    return "none" if dashes == "solid" else " ".join(f"{2 * d:g}" for d in dashes[1])

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from tickfix.evaluation.cells import metres, percent, plain, signed, winner
 from tickfix.evaluation.comparison.points import Scope
 from tickfix.evaluation.comparison.result import Result
 from tickfix.evaluation.statistics.bootstrap import Interval
@@ -29,26 +30,6 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     best: tuple[frozenset[int], ...] = ()
-
-
-def metres(value: float | None) -> str:
-    """Return metres with two digits, a dash for none."""
-    return "–" if value is None else f"{value:.2f}"
-
-
-def signed(value: float) -> str:
-    """Return metres with their sign and two digits."""
-    return f"{value:+.2f}".replace("-", "−")
-
-
-def percent(value: float | None) -> str:
-    """Return a share as per cent, a dash for none."""
-    return "–" if value is None else f"{100 * value:.1f} %"
-
-
-def plain(value: float | None) -> str:
-    """Return a number with three significant digits at least, a dash for none."""
-    return "–" if value is None else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 _LESS: Final = min
@@ -190,14 +171,12 @@ def _span(interval: Interval) -> str:
 def _figures(
     by_pipeline: Mapping[str, Mapping[str, Any]],
     caption: str,
-    columns: Sequence[tuple[str, str, _Show, Callable[[list[float]], float] | None]],
+    columns: Sequence[tuple[str, str, _Show, Callable[[Sequence[float]], float] | None]],
 ) -> Table:
     rows, bests = [], []
     winners: list[str | None] = []
     for _, key, show, best in columns:
-        known = [f[key] for f in by_pipeline.values() if f[key] is not None]
-        differ = len({show(f[key]) for f in by_pipeline.values()}) > 1
-        winners.append(show(best(known)) if best is not None and known and differ else None)
+        winners.append(None if best is None else winner([f[key] for f in by_pipeline.values()], show, best))
     for name, figures in by_pipeline.items():
         cells = [show(figures[key]) for _, key, show, _ in columns]
         rows.append((name, *cells))

@@ -10,12 +10,13 @@ import numpy as np
 from tickfix.api import Floats
 from tickfix.reproduction.intervals import difference, judge, mean
 from tickfix.reproduction.jiang2015.measure import Measured
-from tickfix.reproduction.jiang2015.tables import METHODS, WINDOWS, every_s, heading_rms, velocity_rms
+from tickfix.reproduction.jiang2015.tables import METHODS, WIFI, WINDOWS, every_s, heading_rms, velocity_rms
 from tickfix.reproduction.report import Claim
 
 Name = TypeVar("Name")
 _LOWERS_M: Final = 0.05
 """A mean error that falls by less is as good as before."""
+_AFTER: Final = {"ELM + KF": "KF after ELM", "ELM + PF": "PF after ELM"}
 
 
 def claims(runs: Sequence[Measured]) -> tuple[Claim, ...]:
@@ -54,22 +55,20 @@ def _motion(runs: Sequence[Measured]) -> tuple[Claim, ...]:
         for name in ("elm", "elm-kf")
     )
     return (
-        judge(
+        _nearer(
             "ELM is better than gait, as printed",
-            difference(gait, elm),
+            elm,
+            gait,
             paper="0.609 against 1.542 m",
-            ours=f"{elm.mean():.2f} against {gait.mean():.2f} m",
-            above=0.0,
             why="A plain angle is regressed, which jumps at due south: where features say nearly south, a mean of "
             "+180° and −180° is told, anything but south. Table 4 has a row for sine and cosine alone; 1000 nodes with "
             "next to no ridge do the rest",
         ),
-        judge(
+        _nearer(
             "ELM is better than gait, with tickfix's settings of the regression",
-            difference(gait, own),
+            own,
+            gait,
             paper="0.609 against 1.542 m",
-            ours=f"{own.mean():.2f} against {gait.mean():.2f} m",
-            above=0.0,
         ),
         judge(
             "KF after ELM makes the way smoother",
@@ -82,17 +81,15 @@ def _motion(runs: Sequence[Measured]) -> tuple[Claim, ...]:
             f"KF after ELM does not lower the mean error (by {_LOWERS_M:g} m or more)",
             difference(kf, elm),
             paper="0.829 against 0.609 m",
-            ours=f"{kf.mean():.2f} against {elm.mean():.2f} m, with own settings {own_kf.mean():.2f} against "
-            f"{own.mean():.2f} m",
+            ours=f"{_against(kf, elm)}, with own settings {_against(own_kf, own)}",
             above=-_LOWERS_M,
         ),
-        judge(
+        _nearer(
             "PF after ELM lowers the mean error (so the text; not so its table)",
-            difference(elm, pf),
+            pf,
+            elm,
             paper="0.633 against 0.609 m",
-            ours=f"{pf.mean():.2f} against {elm.mean():.2f} m, with own settings {own_pf.mean():.2f} against "
-            f"{own.mean():.2f} m",
-            above=0.0,
+            more=f", with own settings {_against(own_pf, own)}",
             why="The table is right: weighed by the place that motion leads to, particles know nothing that motion "
             "does not know, and drawing them adds noise that accumulates",
         ),
@@ -100,44 +97,27 @@ def _motion(runs: Sequence[Measured]) -> tuple[Claim, ...]:
 
 
 def _wifi(runs: Sequence[Measured]) -> tuple[Claim, ...]:
-    knn, elm, kf, pf = (
-        np.array([run.mean_located_m(name) for run in runs])
-        for name in ("wifi-knn", "wifi-elm", "wifi-elm-kf", "wifi-elm-pf")
-    )
+    errors = {label: np.array([run.mean_located_m(pipeline) for run in runs]) for label, pipeline in WIFI.items()}
+
+    def nearer(label: str, than: str, why: str = "") -> Claim:
+        claim = f"Wi-Fi alone: {_AFTER.get(label, label)} is better than {_AFTER.get(than, than)}"
+        return _nearer(claim, errors[label], errors[than], paper="Fig. 14, no numbers", why=why)
+
     return (
-        judge(
-            "Wi-Fi alone: ELM is better than KNN",
-            difference(knn, elm),
-            paper="Fig. 14, no numbers",
-            ours=f"{elm.mean():.2f} against {knn.mean():.2f} m",
-            above=0.0,
-            why="The classifier has four samples of a point to learn from and is not told which points are "
-            "neighbours: the four classes it puts first lie further apart than the four nearest fingerprints",
+        nearer(
+            "ELM",
+            "KNN",
+            "The classifier has four samples of a point to learn from and is not told which points are neighbours: the "
+            "four classes it puts first lie further apart than the four nearest fingerprints",
         ),
-        judge(
-            "Wi-Fi alone: KF after ELM is better than ELM",
-            difference(elm, kf),
-            paper="Fig. 14, no numbers",
-            ours=f"{kf.mean():.2f} against {elm.mean():.2f} m",
-            above=0.0,
+        nearer("ELM + KF", "ELM"),
+        nearer(
+            "ELM + PF",
+            "ELM",
+            "Without motion the particles of (16) stand still and only diffuse: they trail a walker, since nothing in "
+            "(16) to (19) has a velocity",
         ),
-        judge(
-            "Wi-Fi alone: PF after ELM is better than ELM",
-            difference(elm, pf),
-            paper="Fig. 14, no numbers",
-            ours=f"{pf.mean():.2f} against {elm.mean():.2f} m",
-            above=0.0,
-            why="Without motion the particles of (16) stand still and only diffuse: they trail a walker, since nothing "
-            "in (16) to (19) has a velocity",
-        ),
-        judge(
-            "Wi-Fi alone: PF after ELM is better than KF after ELM",
-            difference(kf, pf),
-            paper="Fig. 14, no numbers",
-            ours=f"{pf.mean():.2f} against {kf.mean():.2f} m",
-            above=0.0,
-            why="The Kalman filter knows a velocity, the particles of (16) do not",
-        ),
+        nearer("ELM + PF", "ELM + KF", "The Kalman filter knows a velocity, the particles of (16) do not"),
     )
 
 
@@ -163,20 +143,19 @@ def _fused(runs: Sequence[Measured]) -> tuple[Claim, ...]:
             f"{growth['elm-wifi-pf'].mean():.2f} m, that of ELM alone by {growth['elm'].mean():.2f} m",
             above=0.0,
         ),
-        judge(
+        _nearer(
             "the fused filter is the best of all",
-            difference(errors[other], fused),
+            fused,
+            errors[other],
             paper="0.150 against 0.609 m for ELM, the next best",
-            ours=f"{fused.mean():.2f} against {errors[other].mean():.2f} m for {other}",
-            above=0.0,
+            more=f" for {other}",
             why=why,
         ),
-        judge(
+        _nearer(
             "the fused filter is better than ELM alone",
-            difference(errors["ELM"], fused),
+            fused,
+            errors["ELM"],
             paper="0.150 against 0.609 m",
-            ours=f"{fused.mean():.2f} against {errors['ELM'].mean():.2f} m",
-            above=0.0,
             why=why,
         ),
         _given(runs, 0.5),
@@ -189,12 +168,12 @@ def _given(runs: Sequence[Measured], sigma_m: float) -> Claim:
     rivals = {label: own or printed for label, (printed, own, _) in METHODS.items() if "Wi-Fi" not in label}
     others = {label: _errors(runs, pipeline) for label, pipeline in rivals.items()}
     other = _best(others)
-    return judge(
+    return _nearer(
         f"the fused filter is the best of all where Wi-Fi errs by σ = {sigma_m:g} m, with own settings",
-        difference(others[other], fused),
+        fused,
+        others[other],
         paper="0.150 against 0.609 m for ELM, the next best",
-        ours=f"{fused.mean():.2f} against {others[other].mean():.2f} m for {other}",
-        above=0.0,
+        more=f" for {other}",
     )
 
 
@@ -218,6 +197,16 @@ def _rates(runs: Sequence[Measured]) -> tuple[Claim, ...]:
             below=0.205,
         ),
     )
+
+
+def _nearer(claim: str, errors_m: Floats, than_m: Floats, *, paper: str, more: str = "", why: str = "") -> Claim:
+    """Return the claim that errors are smaller than others, (seeds,) metres each; ``more`` is told after ours."""
+    ours = f"{_against(errors_m, than_m)}{more}"
+    return judge(claim, difference(than_m, errors_m), paper=paper, ours=ours, above=0.0, why=why)
+
+
+def _against(errors_m: Floats, than_m: Floats) -> str:
+    return f"{errors_m.mean():.2f} against {than_m.mean():.2f} m"
 
 
 def _errors(runs: Sequence[Measured], pipeline: str) -> Floats:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from tickfix.reproduction.intervals import mean
+from tickfix.reproduction.intervals import mean, row
 from tickfix.reproduction.jiang2015.measure import GIVEN_SIGMA_M, Measured
 from tickfix.reproduction.report import Cell, Table
 
@@ -54,11 +54,10 @@ def _windows(runs: Sequence[Measured]) -> Table:
         caption="errors of velocity and orientation by window length, ten-fold cross-validation",
         columns=("velocity, m/s", "orientation, °"),
         rows={
-            f"{window_ms} ms": (
-                Cell(paper=velocity, ours=mean([velocity_rms(run, window_ms) for run in runs])),
-                Cell(paper=heading, ours=mean([heading_rms(run, window_ms) for run in runs])),
+            f"{window_ms} ms": row(
+                [[rms(run, window_ms) for run in runs] for rms in (velocity_rms, heading_rms)], paper
             )
-            for window_ms, (velocity, heading) in WINDOWS.items()
+            for window_ms, paper in WINDOWS.items()
         },
         decimals=(3, 1),
         note="The paper calls its figures mean square errors in degrees; ours are the roots, to which its units fit.",
@@ -84,10 +83,7 @@ def _wifi(runs: Sequence[Measured]) -> Table:
     rows = {}
     for label, pipeline in WIFI.items():
         median = [float(np.median(np.concatenate([t.located_m for t in run.tracks[pipeline]]))) for run in runs]
-        rows[label] = (
-            Cell(paper=None, ours=mean([run.mean_located_m(pipeline) for run in runs])),
-            Cell(paper=None, ours=mean(median)),
-        )
+        rows[label] = row([[run.mean_located_m(pipeline) for run in runs], median])
     return Table(
         name="Fig. 14",
         caption="error of location results of Wi-Fi alone, m",
@@ -103,7 +99,7 @@ def _rates(runs: Sequence[Measured]) -> Table:
         caption="time from one position to the next, s",
         columns=("mean",),
         rows={
-            label: (Cell(paper=paper, ours=mean([every_s(run, pipeline) for run in runs])),)
+            label: row([[every_s(run, pipeline) for run in runs]], [paper])
             for label, (pipeline, paper) in RATES.items()
         },
         note="The twin scans about every 2 s, as sections 2 and 7 print; Fig. 17 shows 4.5 s.",
@@ -121,9 +117,8 @@ def _given(runs: Sequence[Measured]) -> Table:
         caption="mean error of ELM + Wi-Fi + PF, m, with location results of a given error in the place of Wi-Fi's",
         columns=("as printed", "own settings"),
         rows={
-            f"σ {sigma_m:g} m, off by {sigma_m * np.sqrt(np.pi / 2.0):.2f} m": tuple(
-                Cell(paper=None, ours=mean([run.given[sigma_m][pipeline] for run in runs]))
-                for pipeline in ("elm-wifi-pf", "own-elm-wifi-pf")
+            f"σ {sigma_m:g} m, off by {sigma_m * np.sqrt(np.pi / 2.0):.2f} m": row(
+                [[run.given[sigma_m][pipeline] for run in runs] for pipeline in ("elm-wifi-pf", "own-elm-wifi-pf")]
             )
             for sigma_m in GIVEN_SIGMA_M
         },

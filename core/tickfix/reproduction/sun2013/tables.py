@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from tickfix.api import Floats
-from tickfix.reproduction.intervals import exact, mean
+from tickfix.reproduction.intervals import exact, mean, row
 from tickfix.reproduction.report import Cell, Table
 from tickfix.reproduction.sun2013 import choices, pipelines, printed
 from tickfix.reproduction.sun2013.causes import FILTERED, LOUDER_DB
@@ -58,8 +58,7 @@ def _errors(runs: Sequence[Repetition], name: str, caption: str, systems: Iterab
     rows = {}
     for system in systems:
         ours = np.array([figures(run.error_m[system]) for run in runs]).T
-        paper = printed.ERRORS[system]
-        rows[system] = tuple(Cell(paper=p, ours=mean(values)) for p, values in zip(paper, ours, strict=True))
+        rows[system] = row(list(ours), printed.ERRORS[system])
     return Table(name=name, caption=caption, columns=printed.COLUMNS, rows=rows, decimals=(2, 2, 1, 1), note=note)
 
 
@@ -77,12 +76,9 @@ def _operations() -> Table:
 def _reductions(runs: Sequence[Repetition]) -> Table:
     rows = {}
     for fingerprint in FINGERPRINTS:
-        rows[fingerprint] = tuple(
-            Cell(
-                paper=printed.reduction_percent(fingerprint + aid, fingerprint),
-                ours=mean(reductions(runs, fingerprint, aid)),
-            )
-            for aid in (MAP, KF, KMF)
+        rows[fingerprint] = row(
+            [reductions(runs, fingerprint, aid) for aid in (MAP, KF, KMF)],
+            [printed.reduction_percent(fingerprint + aid, fingerprint) for aid in (MAP, KF, KMF)],
         )
     return Table(
         name="Tables 2, 4, 5",
@@ -98,10 +94,7 @@ def _surface(runs: Sequence[Repetition]) -> Table:
     n2, k7 = choices.SURFACE_N.index(choices.ONLINE_SAMPLES), choices.SURFACE_K.index(choices.POINTS_AVERAGED)
     sections = [(f"N = 2, K = {k}", (n2, i)) for i, k in enumerate(choices.SURFACE_K)]
     sections += [(f"N = {n}, K = 7", (i, k7)) for i, n in enumerate(choices.SURFACE_N) if i != n2]
-    rows = {
-        label: tuple(Cell(paper=None, ours=mean([run.surface_m[name][at] for run in runs])) for name in (KNN, FNCC))
-        for label, at in sections
-    }
+    rows = {label: row([[run.surface_m[name][at] for run in runs] for name in (KNN, FNCC)]) for label, at in sections}
     return Table(
         name="Figure 4", caption="mean error over N and K, two sections", columns=("KNN, m", "FNCC, m"), rows=rows
     )
@@ -141,10 +134,7 @@ def _causes(runs: Sequence[Repetition]) -> tuple[Table, Table]:
         name="Causes 1",
         caption="mean error of the fingerprints, m, and how alike neighbouring errors are",
         columns=FINGERPRINTS,
-        rows={
-            label: tuple(Cell(paper=None, ours=mean([one[name] for one in values])) for name in FINGERPRINTS)
-            for label, values in rows.items()
-        },
+        rows={label: row([[one[name] for one in values] for name in FINGERPRINTS]) for label, values in rows.items()},
         note=f"{gaps} of queries lack an access point that the test point hears in half of its samples or more. Both "
         "tables of causes were added after the first results and decide no claim.",
     )
@@ -152,13 +142,7 @@ def _causes(runs: Sequence[Repetition]) -> tuple[Table, Table]:
         name="Causes 2",
         caption=f"mean error of the filters, on {choices.COMPARED_PASSES} passes",
         columns=("fed with the true points, m", "fed with FNCC, m"),
-        rows={
-            name: tuple(
-                Cell(paper=None, ours=mean([values[name] for values in column]))
-                for column in ([c.lag_m for c in found], [c.filtered_m for c in found])
-            )
-            for name in FILTERED
-        },
+        rows={name: row([[c.lag_m[name] for c in found], [c.filtered_m[name] for c in found]]) for name in FILTERED},
         note="The paper prints 0.05 m/s² for σ of the acceleration; the plugin's own default is 0.5 m/s².",
     )
     return fingerprints, filters

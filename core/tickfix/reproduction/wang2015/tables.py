@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from tickfix.api import Floats
-from tickfix.reproduction.intervals import mean
-from tickfix.reproduction.report import Cell, Table
+from tickfix.reproduction.intervals import row
+from tickfix.reproduction.report import Table
 from tickfix.reproduction.wang2015.gross import EPOCHS_S, ON_ODOMETRY, ON_WIFI
 from tickfix.reproduction.wang2015.run import Walked
 from tickfix.reproduction.wang2015.schemes import (
@@ -68,7 +68,7 @@ def tables(walks: Sequence[Walked]) -> tuple[Table, ...]:
 
 def _sizes(walks: Sequence[Walked], name: str, printed: Mapping[int, float], *, mapped: bool) -> Table:
     rows = {
-        str(particles): (Cell(paper=printed.get(particles), ours=mean(mse_m2(walks, sized(particles, mapped=mapped)))),)
+        str(particles): row([mse_m2(walks, sized(particles, mapped=mapped))], [printed.get(particles)])
         for particles in PARTICLES
     }
     return Table(
@@ -86,7 +86,7 @@ def _schemes(walks: Sequence[Walked]) -> Table:
         errors = [walk.error_m(scheme) for walk in walks]
         ours = (rmse_m(walks, scheme), *(np.array([of(e) for e in errors]) for of in (np.mean, np.max)))
         printed: tuple[float | None, ...] = TABLE_4_M.get(scheme, (None, None, None))
-        rows[scheme] = tuple(Cell(paper=p, ours=mean(o)) for p, o in zip(printed, ours, strict=True))
+        rows[scheme] = row(ours, printed)
     return Table(
         name="Table 4",
         caption="errors of the four schemes",
@@ -103,8 +103,7 @@ def _residuals(
     for scheme in DISTURBED:
         paper: tuple[float | None, ...] = printed.get(scheme, (None,) * len(EPOCHS_S))
         at, later = (residuals_m(walks, scheme + suffix, after_s) for after_s in (0.0, FIX_S))
-        cells = [Cell(paper=p, ours=mean(o)) for p, o in zip(paper, at.T, strict=True)]
-        rows[scheme] = (*cells, Cell(paper=None, ours=mean(later.mean(axis=1))))
+        rows[scheme] = row([*at.T, later.mean(axis=1)], [*paper, None])
     return Table(
         name=name,
         caption=f"residuals at the epochs of gross errors, {what}",

@@ -15,9 +15,10 @@ import pytest
 
 from tickfix.api import Floor
 from tickfix.evaluation.comparison.result import Result, result_of
-from tickfix.evaluation.report.charts import MOST_LINES, chosen
+from tickfix.evaluation.report.elements import inline
 from tickfix.evaluation.report.folder import write_report
-from tickfix.evaluation.report.page import html_page, inline
+from tickfix.evaluation.report.looks import MOST_LINES, chosen
+from tickfix.evaluation.report.page import html_page
 from tickfix.evaluation.report.sweeps import pareto
 from tickfix.evaluation.report.trouble import worst_walks
 
