@@ -36,11 +36,14 @@ class Beacon:
         self._memory = mmap.mmap(-1, _SIZE) if memory is None else memory
         self._places = {} if places is None else places
         self._at = at
-        self.alive()
+        if memory is None:
+            self.begin()
 
     def begin(self) -> None:
         """Prepare for another engine, which does not serve yet."""
         self._memory[_SERVES] = 0
+        for n in range(WORKERS):
+            self.of_worker(n).rest()
         self.alive()
 
     def of_worker(self, n: int) -> Beacon:
@@ -64,8 +67,6 @@ class Beacon:
 
     def introduce(self, pipelines: Iterable[Pipeline]) -> None:
         """Write down the stages that may be called, before there is any worker."""
-        for n in range(WORKERS):
-            self.of_worker(n).rest()
         stages: dict[str, str] = {}
         needed: dict[str, list[str]] = {}
         for pipeline in pipelines:

@@ -109,7 +109,7 @@ def serve(
     if live.primary and live.primary not in names and live.primary not in left_out:
         raise EngineError(f"live.primary: found {live.primary!r}, expected one of {', '.join(names)}")
     beacon.introduce(pipelines)
-    crew = _crew(live, pipelines, order.config.kernel, beacon)
+    crew = _crew(live, pipelines, order.config.kernel, beacon, tell)
     replica: Folding = crew or Replica(
         remembering(pipelines), order.config.kernel, on_call=beacon.calling, on_failure=_teller(tell)
     )
@@ -132,6 +132,8 @@ def serve(
         ledger = Ledger(writer, hub)
         engine: Runnable
         if order.follow:
+            if crew is not None:
+                crew.locating(hub.wake)  # nothing is located for a follower, but it hears when a worker is gone
             followed = Leader(order.follow, _keys(order.follow_key))
             engine = Follower(
                 followed, replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
@@ -159,14 +161,20 @@ def serve(
             crew.close()
 
 
-def _crew(live: LiveSettings, pipelines: Sequence[Pipeline], kernel: KernelSettings, beacon: Beacon) -> Crew | None:
+def _crew(
+    live: LiveSettings,
+    pipelines: Sequence[Pipeline],
+    kernel: KernelSettings,
+    beacon: Beacon,
+    tell: Callable[[str], None],
+) -> Crew | None:
     """Share the devices out among processes where the settings want it; this one must have no other thread yet."""
     if not live.workers:
         return None
 
     def work(n: int, line: Connection, notices: Connection) -> None:
         own = beacon.of_worker(n)
-        replica = Replica(remembering(pipelines), kernel, on_call=own.calling)
+        replica = Replica(remembering(pipelines), kernel, on_call=own.calling, on_failure=_teller(tell))
         worker = Worker(replica, line, notices, own, threads=live.locators, timeout_s=live.locate_timeout_s)
         with rare_full_collections():
             worker.serve()

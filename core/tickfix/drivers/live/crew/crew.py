@@ -36,7 +36,7 @@ from tickfix.drivers.live.errors import WorkerError
 from tickfix.drivers.live.folding import Books, Done, Feed, Step
 from tickfix.kernel import Standing
 from tickfix.wire import encode_event
-from tickfix.wire.decisions import Finish, encode_decision
+from tickfix.wire.decisions import Drop, encode_decision
 
 _COUNT: Final = encode(Count())
 _SAVE: Final = encode(Save())
@@ -62,6 +62,7 @@ class Crew:
             self._members.append(member)
         self._roll = Roll()
         self._standings: dict[str, Standing] = {}
+        self._forgotten: list[str] = []
         self._tallies = [Tally({}, 0, {})] * workers
         self._uncounted: set[int] = set()
         self._notices: Notices | None = None
@@ -84,9 +85,11 @@ class Crew:
         """
         if self._notices is not None:
             self._notices.check()
-        entries = [list[Entry]() for _ in self._members]
-        places = [list[int]() for _ in self._members]
+        entries: list[list[Entry]] = [[] for _ in self._members]
+        places: list[list[int]] = [[] for _ in self._members]
         devices: list[str | None] = []
+        for gone in self._forgotten:
+            entries[self._owner(gone)].append(Forget(gone))
         for place, step in enumerate(steps):
             device, forgotten = self._roll.enter(step)
             devices.append(device)
@@ -101,12 +104,8 @@ class Crew:
         for n, answer in self._ask(asked).items():
             for place, came in zip(places[n], DONE.decode(answer), strict=True):
                 done[place] = came
-        for step, device, came in zip(steps, devices, done, strict=True):
-            if device is not None and came.standing is not None:
-                self._standings[device] = came.standing
-            elif isinstance(step, Finish):
-                self._standings.pop(step.device, None)
         self._uncounted |= asked.keys()
+        self._forgotten = self._roll.lose(self._stand(steps, devices, done))
         return done
 
     def repeats(self, event: Event) -> bool:
@@ -173,6 +172,19 @@ class Crew:
             self._notices.join()
         for member in self._members:
             member.join()
+
+    def _stand(self, steps: Sequence[Step], devices: Sequence[str | None], done: Sequence[Done]) -> list[str]:
+        """Take note of how far devices have come; return those on which a kernel broke: it goes on without them."""
+        without: dict[str, None] = {}
+        for step, device, came in zip(steps, devices, done, strict=True):
+            if device is None or isinstance(step, Drop):
+                continue
+            if came.standing is None:
+                self._standings.pop(device, None)
+                without[device] = None
+            else:
+                self._standings[device] = came.standing
+        return [device for device in without if device in self._roll.followed and device not in self._standings]
 
     def _owner(self, device: str) -> int:
         return owner(device, len(self._members))

@@ -78,7 +78,7 @@ class Member:
         how = "let go of its line" if code is None else f"ended with code {code}, see above"
         if code is not None and code < 0:
             how = f"was ended by signal {-code}"
-        return WorkerError(f"worker {self.number + 1} (process {self._pid}) {how}")
+        return WorkerError(f"worker {self.number + 1} (process {self._pid}) {how}", -min(0, code or 0))
 
     def join(self) -> None:
         """Wait until the worker, which was told to leave, has ended; after two seconds it is killed."""

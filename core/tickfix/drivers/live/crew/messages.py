@@ -75,10 +75,14 @@ class Tally(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Saved(msgspec.Struct, frozen=True, array_like=True):
-    """A worker's devices, each by name with its packed snapshot, and its kernel's snapshot without them."""
+    """A worker's devices, each by name with its packed snapshot, and its kernel's snapshot without them.
+
+    Or else why there is none.
+    """
 
     devices: list[tuple[str, bytes]]
     rest: bytes
+    refused: str = ""
 
 
 class Loaded(msgspec.Struct, frozen=True, array_like=True):

@@ -57,6 +57,14 @@ class Roll:
             return step.device, self.sessions.retire(step.device, 0)
         return step.device, []
 
+    def lose(self, devices: Iterable[str]) -> list[str]:
+        """Take note that devices are followed no more, though nobody said so; return who is forgotten for them."""
+        forgotten = []
+        for device in devices:
+            del self.followed[device]
+            forgotten += self.sessions.retire(device, 0)
+        return forgotten
+
     def restore(self, kernel: KernelSnapshot, waiting: Iterable[tuple[int, Scan]], primary: str) -> None:
         """Become what a snapshot says."""
         self.sessions.restore(kernel.sessions, kernel.retired)
