@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
-from hashlib import blake2b
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -19,8 +17,6 @@ from tickfix.drivers.live.crew.messages import (
     TALLIES,
     Apply,
     Count,
-    Decide,
-    Enter,
     Entry,
     Forget,
     Leave,
@@ -28,15 +24,15 @@ from tickfix.drivers.live.crew.messages import (
     Save,
     Tally,
     encode,
+    entry_of,
 )
 from tickfix.drivers.live.crew.notices import Notices
-from tickfix.drivers.live.crew.roll import Roll
+from tickfix.drivers.live.crew.roll import Roll, owner
 from tickfix.drivers.live.crew.snapshots import merged, split
 from tickfix.drivers.live.errors import WorkerError
-from tickfix.drivers.live.folding import Books, Done, Feed, Step
+from tickfix.drivers.live.folding import Books, Done, Step
 from tickfix.kernel import Standing
-from tickfix.wire import encode_event
-from tickfix.wire.decisions import Drop, encode_decision
+from tickfix.wire.decisions import Drop
 
 _COUNT: Final = encode(Count())
 _SAVE: Final = encode(Save())
@@ -95,7 +91,7 @@ class Crew:
             devices.append(device)
             if device is not None:
                 n = self._owner(device)
-                entries[n].append(_entry(step))
+                entries[n].append(entry_of(step))
                 places[n].append(place)
             for gone in forgotten:
                 entries[self._owner(gone)].append(Forget(gone))
@@ -168,10 +164,12 @@ class Crew:
         for member in self._members:
             with suppress(WorkerError):
                 member.ask(encode(Leave()))
+        for member in self._members:
+            member.join()
         if self._notices is not None:
             self._notices.join()
         for member in self._members:
-            member.join()
+            member.let_go()
 
     def _stand(self, steps: Sequence[Step], devices: Sequence[str | None], done: Sequence[Done]) -> list[str]:
         """Take note of how far devices have come; return those on which a kernel broke: it goes on without them."""
@@ -194,19 +192,6 @@ class Crew:
         for n, request in requests.items():
             self._members[n].ask(request)
         return {n: self._members[n].answer() for n in requests}
-
-
-@lru_cache(maxsize=65_536)
-def owner(device: str, workers: int) -> int:
-    """Return the number of the worker that a device belongs to."""
-    digest = blake2b(device.encode("utf-8", "surrogatepass"), digest_size=8).digest()
-    return int.from_bytes(digest, "little") % workers
-
-
-def _entry(step: Step) -> Entry:
-    if isinstance(step, Feed):
-        return Enter(step.number, encode_event(step.event) if step.body is None else step.body)
-    return Decide(encode_decision(step))
 
 
 def _summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:

@@ -85,12 +85,9 @@ class Member:
         if self._wait(time.monotonic() + _PATIENCE_S) is None:
             os.kill(self._pid, signal.SIGKILL)
             self._wait(None)
-        self._line.close()
-        self.notices.close()
-        os.close(self._lifeline)
 
     def let_go(self) -> None:
-        """In another worker: close this one's ends, which its own process holds."""
+        """Close this process's ends: of a worker that has ended, or, in another worker, of those begun before."""
         self._line.close()
         self.notices.close()
         os.close(self._lifeline)

@@ -6,9 +6,11 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
-from tickfix.drivers.live.folding import Done
+from tickfix.drivers.live.folding import Done, Feed, Step
 from tickfix.drivers.live.locating import Located
 from tickfix.kernel import Standing
+from tickfix.wire import encode_event
+from tickfix.wire.decisions import encode_decision
 
 
 class Enter(msgspec.Struct, frozen=True, array_like=True, tag=0):
@@ -90,6 +92,13 @@ class Loaded(msgspec.Struct, frozen=True, array_like=True):
 
     standings: dict[str, Standing]
     refused: str = ""
+
+
+def entry_of(step: Step) -> Entry:
+    """Return what a worker is sent of a step."""
+    if isinstance(step, Feed):
+        return Enter(step.number, encode_event(step.event) if step.body is None else step.body)
+    return Decide(encode_decision(step))
 
 
 _ENCODER: Final = msgspec.msgpack.Encoder()

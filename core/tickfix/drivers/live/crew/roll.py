@@ -1,4 +1,4 @@
-"""What concerns all devices together: who is followed, which numbers were seen, which scans wait, what is published.
+"""What concerns all devices: who is followed and where, which numbers were seen, which scans wait, what is published.
 
 A crew keeps it beside the loop. Each worker knows the same of its own devices, by the same code.
 """
@@ -6,6 +6,8 @@ A crew keeps it beside the loop. Each worker knows the same of its own devices, 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
+from hashlib import blake2b
 
 from tickfix.api import Event, Scan, Truth
 from tickfix.drivers.live.folding import Feed, Step
@@ -79,3 +81,10 @@ class Roll:
         if is_new and event.device not in self.followed:
             self.sessions.begin(event.device)
             self.followed[event.device] = None
+
+
+@lru_cache(maxsize=65_536)
+def owner(device: str, workers: int) -> int:
+    """Return the number of the worker that a device belongs to."""
+    digest = blake2b(device.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+    return int.from_bytes(digest, "little") % workers
