@@ -152,7 +152,9 @@ class Author:
         if kind < 0.95:
             tick = None if rng.random() < 0.7 else (T0 + MS * self.at_ms.get(device, 100_000)) // (200 * MS)
             self.unrun.pop(device, None)
-            return Run(device=device, tick=tick)
+            most = None if rng.random() < 0.8 else 3
+            self.unrun |= {} if most is None else {device: None}
+            return Run(device=device, tick=tick, most=most)
         self.unrun.pop(device, None)
         return Finish(device=device, reason="bye") if rng.random() < 0.8 else Primary(pipeline="other")
 

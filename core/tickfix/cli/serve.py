@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 from dataclasses import replace
@@ -22,7 +23,7 @@ from tickfix.drivers.live.errors import WorkerError
 from tickfix.drivers.live.serving import Order, Runnable, resumable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.supervisor import CRASHED, supervise
+from tickfix.drivers.live.supervisor import CRASHED, OWN, supervise
 from tickfix.journal import JournalError
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses
@@ -136,8 +137,13 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
         )
     except (TickfixError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
+        if isinstance(error, WorkerError):
+            sys.stderr.flush()
+            if error.signal in OWN:  # what breaks a worker would have broken an engine without workers
+                os.kill(os.getpid(), error.signal)
+            return CRASHED
         # What cannot begin is for people to mend; what breaks while it runs is worth another try.
-        return CRASHED if running and isinstance(error, PortError | JournalError | WorkerError | OSError) else 2
+        return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
     return 0
 
 

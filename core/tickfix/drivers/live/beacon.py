@@ -38,7 +38,6 @@ class Beacon:
         self._at = at
         if memory is None:
             self.begin()
-        self.alive()
 
     def begin(self) -> None:
         """Prepare for another engine, which does not serve yet."""

@@ -10,4 +10,13 @@ class EngineError(TickfixError):
 
 
 class WorkerError(EngineError):
-    """A worker process of an engine is gone, and with it what it had folded; the journal has all of it."""
+    """A worker process of an engine is gone, and with it what it had folded; the journal has all of it.
+
+    Attributes:
+        signal: that ended it, 0 if none did.
+    """
+
+    def __init__(self, text: str, signal: int = 0) -> None:
+        """Say how it ended."""
+        super().__init__(text)
+        self.signal = signal

@@ -109,10 +109,7 @@ def serve(
     if live.primary and live.primary not in names and live.primary not in left_out:
         raise EngineError(f"live.primary: found {live.primary!r}, expected one of {', '.join(names)}")
     beacon.introduce(pipelines)
-    crew = _crew(live, pipelines, order.config.kernel, beacon)
-    replica: Folding = crew or Replica(
-        remembering(pipelines), order.config.kernel, on_call=beacon.calling, on_failure=_teller(tell)
-    )
+    replica = _folding(live, pipelines, order.config.kernel, beacon, tell)
     resumed = _resumed(order, replica, beacon, tell)
     run, shown = _names(resumed)
     notes = [f"pipeline {name} is left out: {why}" for name, why in left_out.items()]
@@ -132,6 +129,8 @@ def serve(
         ledger = Ledger(writer, hub)
         engine: Runnable
         if order.follow:
+            if isinstance(replica, Crew):
+                replica.locating(hub.wake)  # nothing is located for a follower, but it hears when a worker is gone
             followed = Leader(order.follow, _keys(order.follow_key))
             engine = Follower(
                 followed, replica, hub, ledger, live, site=site.name, names=names, after_round=after_round, tell=tell
@@ -155,23 +154,29 @@ def serve(
         hub.stop()
         if writer is not None:
             writer.close()
-        if crew is not None:
-            crew.close()
+        if isinstance(replica, Crew):
+            replica.close()
 
 
-def _crew(live: LiveSettings, pipelines: Sequence[Pipeline], kernel: KernelSettings, beacon: Beacon) -> Crew | None:
-    """Share the devices out among processes where the settings want it; this one must have no other thread yet."""
-    if not live.workers:
-        return None
+def _folding(
+    live: LiveSettings,
+    pipelines: Sequence[Pipeline],
+    settings: KernelSettings,
+    beacon: Beacon,
+    tell: Callable[[str], None],
+) -> Folding:
+    """Return who folds: workers, forked from this process, which must have no other thread yet; or this process."""
+
+    def replica(own: Beacon) -> Replica:
+        return Replica(remembering(pipelines), settings, on_call=own.calling, on_failure=_teller(tell))
 
     def work(n: int, line: Connection, notices: Connection) -> None:
         own = beacon.of_worker(n)
-        replica = Replica(remembering(pipelines), kernel, on_call=own.calling)
-        worker = Worker(replica, line, notices, own, threads=live.locators, timeout_s=live.locate_timeout_s)
+        worker = Worker(replica(own), line, notices, own, threads=live.locators, timeout_s=live.locate_timeout_s)
         with rare_full_collections():
             worker.serve()
 
-    return Crew(live.workers, work)
+    return Crew(live.workers, work) if live.workers else replica(beacon)
 
 
 def _locating(replica: Folding, live: LiveSettings, wake: Callable[[], None]) -> Locating:

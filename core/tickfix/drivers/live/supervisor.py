@@ -37,7 +37,7 @@ _STARTING_S: Final = 60.0
 _TRIES: Final = 3
 """Engines that break soon after they went on from the journal, one after the other, before one begins a run anew."""
 _SOON_S: Final = 60.0
-_OWN: Final = frozenset({signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL})
+OWN: Final = frozenset({signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL})
 """Signals that a process brings upon itself."""
 
 
@@ -71,7 +71,7 @@ class _Past:
         self.deaths = [t for t in self.deaths if now_s - t < _SPAN_S + _PAUSE_S] + [now_s]
         # One that says why it cannot go on may be able to later: the disk is full, say. One that is killed from outside
         # says nothing about the journal.
-        broke = child.hung or -code in _OWN or (code == CRASHED and not beacon.serves)
+        broke = child.hung or -code in OWN or (code == CRASHED and not beacon.serves)
         self.fruitless = self.fruitless + 1 if broke and now_s - child.begun_s < _SOON_S else 0
 
     @property
@@ -150,7 +150,7 @@ def _after(
     elif code == CRASHED:
         how = "crashed, see above"
     elif code < 0:
-        past.died_in[key] += -code in _OWN
+        past.died_in[key] += -code in OWN
         how = f"was ended by signal {-code}" if stage is None else f"was ended by signal {-code} {label}"
     else:
         how = f"could not go on, see above (exit code {code})"
@@ -165,7 +165,7 @@ def _after(
     else:
         found.append("resuming from the journal" if resumes else "starting anew: there is no journal")
     # Signals come from outside, too; twice in one stage is no chance.
-    if stage is not None and (child.hung or (-code in _OWN and past.died_in[key] > 1)):
+    if stage is not None and (child.hung or (-code in OWN and past.died_in[key] > 1)):
         if beacon.without(key):
             disabled = {**disabled, key: f"hung for {silence_s:g} s" if child.hung else f"died by signal {-code}"}
             found.append(f"without pipelines that need {stage[1]}")

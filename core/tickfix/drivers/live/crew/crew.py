@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from functools import lru_cache
-from hashlib import blake2b
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -19,8 +17,6 @@ from tickfix.drivers.live.crew.messages import (
     TALLIES,
     Apply,
     Count,
-    Decide,
-    Enter,
     Entry,
     Forget,
     Leave,
@@ -28,15 +24,15 @@ from tickfix.drivers.live.crew.messages import (
     Save,
     Tally,
     encode,
+    entry_of,
 )
 from tickfix.drivers.live.crew.notices import Notices
-from tickfix.drivers.live.crew.roll import Roll
+from tickfix.drivers.live.crew.roll import Roll, owner
 from tickfix.drivers.live.crew.snapshots import merged, split
 from tickfix.drivers.live.errors import WorkerError
-from tickfix.drivers.live.folding import Books, Done, Feed, Step
+from tickfix.drivers.live.folding import Books, Done, Step
 from tickfix.kernel import Standing
-from tickfix.wire import encode_event
-from tickfix.wire.decisions import Finish, encode_decision
+from tickfix.wire.decisions import Drop
 
 _COUNT: Final = encode(Count())
 _SAVE: Final = encode(Save())
@@ -62,6 +58,7 @@ class Crew:
             self._members.append(member)
         self._roll = Roll()
         self._standings: dict[str, Standing] = {}
+        self._forgotten: list[str] = []
         self._tallies = [Tally({}, 0, {})] * workers
         self._uncounted: set[int] = set()
         self._notices: Notices | None = None
@@ -84,15 +81,17 @@ class Crew:
         """
         if self._notices is not None:
             self._notices.check()
-        entries = [list[Entry]() for _ in self._members]
-        places = [list[int]() for _ in self._members]
+        entries: list[list[Entry]] = [[] for _ in self._members]
+        places: list[list[int]] = [[] for _ in self._members]
         devices: list[str | None] = []
+        for gone in self._forgotten:
+            entries[self._owner(gone)].append(Forget(gone))
         for place, step in enumerate(steps):
             device, forgotten = self._roll.enter(step)
             devices.append(device)
             if device is not None:
                 n = self._owner(device)
-                entries[n].append(_entry(step))
+                entries[n].append(entry_of(step))
                 places[n].append(place)
             for gone in forgotten:
                 entries[self._owner(gone)].append(Forget(gone))
@@ -101,12 +100,8 @@ class Crew:
         for n, answer in self._ask(asked).items():
             for place, came in zip(places[n], DONE.decode(answer), strict=True):
                 done[place] = came
-        for step, device, came in zip(steps, devices, done, strict=True):
-            if device is not None and came.standing is not None:
-                self._standings[device] = came.standing
-            elif isinstance(step, Finish):
-                self._standings.pop(step.device, None)
         self._uncounted |= asked.keys()
+        self._forgotten = self._roll.lose(self._stand(steps, devices, done))
         return done
 
     def repeats(self, event: Event) -> bool:
@@ -169,10 +164,25 @@ class Crew:
         for member in self._members:
             with suppress(WorkerError):
                 member.ask(encode(Leave()))
+        for member in self._members:
+            member.join()
         if self._notices is not None:
             self._notices.join()
         for member in self._members:
-            member.join()
+            member.let_go()
+
+    def _stand(self, steps: Sequence[Step], devices: Sequence[str | None], done: Sequence[Done]) -> list[str]:
+        """Take note of how far devices have come; return those on which a kernel broke: it goes on without them."""
+        without: dict[str, None] = {}
+        for step, device, came in zip(steps, devices, done, strict=True):
+            if device is None or isinstance(step, Drop):
+                continue
+            if came.standing is None:
+                self._standings.pop(device, None)
+                without[device] = None
+            else:
+                self._standings[device] = came.standing
+        return [device for device in without if device in self._roll.followed and device not in self._standings]
 
     def _owner(self, device: str) -> int:
         return owner(device, len(self._members))
@@ -182,19 +192,6 @@ class Crew:
         for n, request in requests.items():
             self._members[n].ask(request)
         return {n: self._members[n].answer() for n in requests}
-
-
-@lru_cache(maxsize=65_536)
-def owner(device: str, workers: int) -> int:
-    """Return the number of the worker that a device belongs to."""
-    digest = blake2b(device.encode("utf-8", "surrogatepass"), digest_size=8).digest()
-    return int.from_bytes(digest, "little") % workers
-
-
-def _entry(step: Step) -> Entry:
-    if isinstance(step, Feed):
-        return Enter(step.number, encode_event(step.event) if step.body is None else step.body)
-    return Decide(encode_decision(step))
 
 
 def _summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:

@@ -78,19 +78,16 @@ class Member:
         how = "let go of its line" if code is None else f"ended with code {code}, see above"
         if code is not None and code < 0:
             how = f"was ended by signal {-code}"
-        return WorkerError(f"worker {self.number + 1} (process {self._pid}) {how}")
+        return WorkerError(f"worker {self.number + 1} (process {self._pid}) {how}", -min(0, code or 0))
 
     def join(self) -> None:
         """Wait until the worker, which was told to leave, has ended; after two seconds it is killed."""
         if self._wait(time.monotonic() + _PATIENCE_S) is None:
             os.kill(self._pid, signal.SIGKILL)
             self._wait(None)
-        self._line.close()
-        self.notices.close()
-        os.close(self._lifeline)
 
     def let_go(self) -> None:
-        """In another worker: close this one's ends, which its own process holds."""
+        """Close this process's ends: of a worker that has ended, or, in another worker, of those begun before."""
         self._line.close()
         self.notices.close()
         os.close(self._lifeline)

@@ -6,9 +6,11 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
-from tickfix.drivers.live.folding import Done
+from tickfix.drivers.live.folding import Done, Feed, Step
 from tickfix.drivers.live.locating import Located
 from tickfix.kernel import Standing
+from tickfix.wire import encode_event
+from tickfix.wire.decisions import encode_decision
 
 
 class Enter(msgspec.Struct, frozen=True, array_like=True, tag=0):
@@ -75,10 +77,14 @@ class Tally(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Saved(msgspec.Struct, frozen=True, array_like=True):
-    """A worker's devices, each by name with its packed snapshot, and its kernel's snapshot without them."""
+    """A worker's devices, each by name with its packed snapshot, and its kernel's snapshot without them.
+
+    Or else why there is none.
+    """
 
     devices: list[tuple[str, bytes]]
     rest: bytes
+    refused: str = ""
 
 
 class Loaded(msgspec.Struct, frozen=True, array_like=True):
@@ -86,6 +92,13 @@ class Loaded(msgspec.Struct, frozen=True, array_like=True):
 
     standings: dict[str, Standing]
     refused: str = ""
+
+
+def entry_of(step: Step) -> Entry:
+    """Return what a worker is sent of a step."""
+    if isinstance(step, Feed):
+        return Enter(step.number, encode_event(step.event) if step.body is None else step.body)
+    return Decide(encode_decision(step))
 
 
 _ENCODER: Final = msgspec.msgpack.Encoder()

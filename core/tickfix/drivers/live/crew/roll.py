@@ -1,4 +1,4 @@
-"""What concerns all devices together: who is followed, which numbers were seen, which scans wait, what is published.
+"""What concerns all devices: who is followed and where, which numbers were seen, which scans wait, what is published.
 
 A crew keeps it beside the loop. Each worker knows the same of its own devices, by the same code.
 """
@@ -6,6 +6,8 @@ A crew keeps it beside the loop. Each worker knows the same of its own devices, 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
+from hashlib import blake2b
 
 from tickfix.api import Event, Scan, Truth
 from tickfix.drivers.live.folding import Feed, Step
@@ -57,6 +59,14 @@ class Roll:
             return step.device, self.sessions.retire(step.device, 0)
         return step.device, []
 
+    def lose(self, devices: Iterable[str]) -> list[str]:
+        """Take note that devices are followed no more, though nobody said so; return who is forgotten for them."""
+        forgotten = []
+        for device in devices:
+            del self.followed[device]
+            forgotten += self.sessions.retire(device, 0)
+        return forgotten
+
     def restore(self, kernel: KernelSnapshot, waiting: Iterable[tuple[int, Scan]], primary: str) -> None:
         """Become what a snapshot says."""
         self.sessions.restore(kernel.sessions, kernel.retired)
@@ -71,3 +81,10 @@ class Roll:
         if is_new and event.device not in self.followed:
             self.sessions.begin(event.device)
             self.followed[event.device] = None
+
+
+@lru_cache(maxsize=65_536)
+def owner(device: str, workers: int) -> int:
+    """Return the number of the worker that a device belongs to."""
+    digest = blake2b(device.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+    return int.from_bytes(digest, "little") % workers

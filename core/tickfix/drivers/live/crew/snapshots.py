@@ -11,13 +11,21 @@ from tickfix.api import Scan
 from tickfix.api.packing import Packed, pack, unpack
 from tickfix.drivers.live.crew.messages import Saved
 from tickfix.drivers.live.crew.roll import Roll
+from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.replica import ReplicaSnapshot
 from tickfix.kernel import KernelSnapshot
 from tickfix.wire import decode_event, encode_event
 
 
 def merged(parts: Sequence[Saved], roll: Roll) -> bytes:
-    """Return the bytes that one replica would give, from the workers' parts and the order in which all devices came."""
+    """Return the bytes that one replica would give, from the workers' parts and the order in which all devices came.
+
+    Raises:
+        EngineError: when a worker could not make its part.
+    """
+    for part in parts:
+        if part.refused:
+            raise EngineError(f"a worker could not make its part of a snapshot: {part.refused}")
     kernels = [KernelSnapshot.unpacked(part.rest) for part in parts]
     devices = {device: Packed(body) for part in parts for device, body in part.devices}
     sessions = {(seen.device, seen.session): seen for kernel in kernels for seen in kernel.sessions}

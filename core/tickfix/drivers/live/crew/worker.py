@@ -89,9 +89,7 @@ class Worker:
         if isinstance(request, Count):
             books = self._replica.books()
             return Tally(dict(books.measurements), books.missing, dict(books.failures))
-        kept = self._replica.kernel.snapshot()
-        devices = [(device.device, pack(device)) for device in kept.devices]
-        return Saved(devices, replace(kept, devices=()).packed())
+        return self._saved()
 
     def _applied(self, entries: list[Entry]) -> list[Done]:
         done: list[Done] = []
@@ -106,6 +104,14 @@ class Worker:
             else:
                 steps.append(decode_decision(entry.body))
         return done + self._replica.apply(steps)
+
+    def _saved(self) -> Saved:
+        try:
+            kept = self._replica.kernel.snapshot()
+            devices = [(device.device, pack(device)) for device in kept.devices]
+            return Saved(devices, replace(kept, devices=()).packed())
+        except Exception as error:  # noqa: BLE001 - it is raised where the snapshot was asked for
+            return Saved([], b"", f"{type(error).__name__}: {error}")
 
     def _loaded(self, snapshot: bytes) -> Loaded:
         try:
