@@ -57,7 +57,15 @@ class FusionPfParams(FixErrorParams):
     ] = 4.0
     scatter_m: Annotated[
         float, parameter("particles begin within no more than this σ around a fix, however poor", unit="m", gt=0)
-    ] = 8.0
+    ] = 12.0
+    surveyed_m: Annotated[
+        float,
+        parameter(
+            "fixes have this σ where a survey came; poorer ones let walls, and their own distance, count for less",
+            unit="m",
+            gt=0,
+        ),
+    ] = 5.0
     astray_m: Annotated[
         float,
         parameter(

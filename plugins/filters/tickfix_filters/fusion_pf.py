@@ -14,6 +14,10 @@ since plans err too. A few particles begin anew at every fix, so that a wrong be
 Those few are too few for a person who comes out of a part that nobody surveyed. Fixes there are poor, so the belief
 begins in the wrong shop, is kept there by walls, and every later fix of a large σ agrees with it. What gives it away is
 that fixes lie off it *in one direction* for several scans, many metres whatever their σ: then all begin anew.
+
+Where nobody surveyed, a fix is a surveyed place that sounds alike, and its σ says so. The particles are then metres or
+shops away from the person, and walls that they meet are not the person's walls: both walls and fixes that lie off count
+in proportion to how good fixes are, walls (which are met again and again) to its square.
 """
 
 from __future__ import annotations
@@ -87,7 +91,10 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         n = self.params.particles
         xy = around(fix, n, self.context.maps.get(fix.floor), self.params, rng)
         error = (fix.xy - xy) / sigma_m(fix)
-        return Particles(OnFloor(fix.floor), xy, np.zeros(n), np.zeros(n), error, np.zeros(n), fix.t_ns, np.zeros(2))
+        trust = self._trust(fix)
+        return Particles(
+            OnFloor(fix.floor), xy, np.zeros(n), np.zeros(n), error, np.zeros(n), fix.t_ns, np.zeros(2), trust=trust
+        )
 
     def predict(self, state: Particles, motion: Motion, rng: Rng) -> Particles:
         """Walk every particle, [jiang2015] eq. (16), and let walls take their toll."""
@@ -116,7 +123,8 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         off = fix.xy - mean_xy(state)
         innovation_m = math.hypot(*off)
         counted = min(1.0, _FAR * self.params.astray_m / max(innovation_m, 1e-9)) * off
-        astray = (1.0 - _LEARN_ASTRAY) * state.astray + _LEARN_ASTRAY * counted
+        trust = self._trust(fix)
+        astray = (1.0 - trust * _LEARN_ASTRAY) * state.astray + trust * _LEARN_ASTRAY * counted
         if math.hypot(*astray) > self.params.astray_m:
             report = Report(used=1, innovation_m=innovation_m, lost=True, reasons=("began anew",))
             return self._begun_anew(state, fix, rng), report
@@ -129,6 +137,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             fixed_ns=fix.t_ns,
             astray=astray,
             surprise=surprise,
+            trust=trust,
         )
         report = Report(used=1, innovation_m=innovation_m, lost=surprise > _LOST)
         return self._resampled(self._renewed(weighed, fix, rng), rng), report
@@ -156,7 +165,8 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         )
         xy, bias = walked(before, bias, scale, headings, motions, rngs, self.params)
         floors = [state.on.floor for state in states]
-        log_weights += toll(before, xy, floors, motions, self.context.maps, self.params)
+        trust = np.array([state.trust for state in states])
+        log_weights += trust[:, None] ** 2 * toll(before, xy, floors, motions, self.context.maps, self.params)
         weights = normalised(log_weights)
         moved = []
         for d, (state, motion) in enumerate(zip(states, motions, strict=True)):
@@ -197,6 +207,10 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         log_weights = state.log_weights - 0.5 * squares  # eqs. (18), (19)
         weighed = replace(state, log_weights=log_weights, unseen=before.unseen.after(motion))
         return self._resampled(weighed, rng), report
+
+    def _trust(self, fix: Fix) -> float:
+        """Return how far the fix says that a survey came here, in (0, 1]."""
+        return min(1.0, self.params.surveyed_m / max(sigma_m(fix), 1e-9))
 
     def _renewed(self, state: Particles, fix: Fix, rng: Rng) -> Particles:
         """Let a random few begin anew at the fix, each with the weight of an average particle."""

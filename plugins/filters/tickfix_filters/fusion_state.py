@@ -59,6 +59,7 @@ class Particles:
         surprise: running mean of the squared distance between fixes and particles' mean, in σ² per axis; about one when
             all is well.
         astray: (2,) metres, running mean of the way from the particles' mean to the fixes.
+        trust: at most one, how far the last fix says that a survey came here.
         motion: what motion said of its own biases, None before the first.
         unseen: what weighing by the motion result hides.
     """
@@ -74,6 +75,7 @@ class Particles:
     heading_rad: float | None = None
     speed_mps: float = 0.0
     surprise: float = 1.0
+    trust: float = 1.0
     motion: BiasPrior | None = None
     unseen: Unseen = Unseen()
 

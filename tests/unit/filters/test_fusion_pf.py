@@ -32,6 +32,8 @@ class TwoCorridors:
 
 MAPPED = Context(maps={"F": TwoCorridors()})
 NEVER = {"astray_m": 1e6}
+# Walls count in full, however poor the fixes, and no particle begins in the other corridor.
+KEPT = {"surveyed_m": 1e6, "scatter_m": 8.0}
 
 
 def north(t_s: float) -> float:
@@ -53,7 +55,7 @@ def test_a_wrong_start_that_walls_keep_wrong_ends_soon_after_fixes_become_right(
     seen = from_where_nobody_surveyed(places)
     off: dict[str, list[float]] = {"anew": [], "never": []}
     for seed in range(10):
-        for name, params in (("anew", {}), ("never", NEVER)):
+        for name, params in (("anew", KEPT), ("never", NEVER | KEPT)):
             pf = FusionPf(FusionPfParams(**params), MAPPED)
             error = errors(pf, fold(pf, motions, seen, np.random.default_rng(seed)), places)
             assert error[:50].min() > 15.0
@@ -62,9 +64,19 @@ def test_a_wrong_start_that_walls_keep_wrong_ends_soon_after_fixes_become_right(
     assert np.mean(off["never"]) > 2.0 * np.mean(off["anew"])
 
 
+def test_walls_do_not_keep_a_start_that_poor_fixes_made_wrong() -> None:
+    motions, places = walk(40.0, north)
+    pf = FusionPf(FusionPfParams(**NEVER), MAPPED)
+    folded = fold(pf, motions, from_where_nobody_surveyed(places), np.random.default_rng(5))
+    assert folded[-1][0].trust == pytest.approx(5.0 / 15.0)
+    off = errors(pf, folded, places)
+    assert off[:50].min() > 15.0
+    assert off[100:].mean() < 5.0
+
+
 def test_what_begins_anew_says_so_and_still_faces_the_same_way() -> None:
     motions, places = walk(40.0, north)
-    pf = FusionPf(FusionPfParams(), MAPPED)
+    pf = FusionPf(FusionPfParams(**KEPT), MAPPED)
     folded = fold(pf, motions, from_where_nobody_surveyed(places), np.random.default_rng(5))
     anew = [k for k, (_, report) in enumerate(folded) if "began anew" in report.reasons]
     assert 50 < anew[0] < 100
