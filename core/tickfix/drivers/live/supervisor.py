@@ -22,10 +22,9 @@ from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.lifeline import die_with
 from tickfix.drivers.live.serving import Order
+from tickfix.drivers.live.silence import Silence
 
 _LOOK_S: Final = 0.05
-_ASLEEP_S: Final = 1.0
-"""A supervisor that comes to look so late was stopped itself, and the engine with it: no silence to hold against it."""
 CRASHED: Final = 70
 """Exit code of an engine that failed in a way nobody foresaw (EX_SOFTWARE)."""
 _SPAN_S: Final = 60.0
@@ -202,19 +201,16 @@ def _start(order: Order, engine: Callable[[Order, Beacon], int], beacon: Beacon)
 
 def _wait(child: _Child, beacon: Beacon, silence_s: float) -> int:
     """Wait for the child's end; kill it when it hangs. Return the exit code, or minus the signal."""
-    looked_s = awake_s = time.monotonic()
+    silence = Silence(child.pid)
     while True:
         pid, status = os.waitpid(child.pid, os.WNOHANG)
         if pid:
             os.close(child.lifeline)
             return os.waitstatus_to_exitcode(status)
-        now_s = time.monotonic()
-        if now_s - looked_s > _ASLEEP_S:
-            awake_s = now_s
-        looked_s = now_s
+        silent_s = silence.look(time.monotonic(), beacon.silence_s)
         starting = not beacon.serves and beacon.stage is None
         patience_s = max(silence_s, _STARTING_S) if starting else silence_s
-        if not child.hung and min(beacon.silence_s, now_s - awake_s) > patience_s:
+        if not child.hung and silent_s > patience_s:
             child.hung = True
             os.kill(child.pid, signal.SIGKILL)
         time.sleep(_LOOK_S)

@@ -1,0 +1,78 @@
+"""Which silence counts, on real processes: one that sleeps, one that is stopped, one that is not let run."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from tickfix.drivers.live.silence import Silence
+
+LINUX = Path("/proc/self/schedstat").exists()
+SPIN = """
+import os, sys
+os.nice(int(sys.argv[1]))
+os.sched_setaffinity(0, {int(sys.argv[2])})
+print(flush=True)
+while True: pass
+"""
+SLEEP = "import time; print(flush=True); time.sleep(60)"
+
+
+@pytest.fixture
+def started() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def run(stack: ExitStack, code: str, *arguments: object) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    process = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE))  # noqa: S603 - our own command
+    stack.callback(process.kill)
+    assert process.stdout is not None
+    process.stdout.readline()
+    return process
+
+
+def counted(pid: int, seconds: float, *, silent_since_s: float = 5.0) -> tuple[float, float]:
+    """Look at a silent process for a while; return the silence that counts, and how long it was looked at."""
+    silence, begun_s = Silence(pid), time.monotonic()
+    while (passed_s := time.monotonic() - begun_s) < seconds:
+        silence.look(time.monotonic(), silent_since_s + passed_s)
+        time.sleep(0.02)
+    return silence.counted_s, passed_s
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_one_that_sleeps_or_is_stopped_is_silent_for_as_long_as_it_lasts(started: ExitStack, stopped: bool) -> None:
+    process = run(started, SLEEP)
+    if stopped:
+        process.send_signal(signal.SIGSTOP)
+    seen_s, passed_s = counted(process.pid, 0.8)
+    assert seen_s > 0.7 * passed_s
+
+
+@pytest.mark.skipif(not LINUX, reason="only Linux tells who waits for a processor")
+def test_one_that_is_not_let_run_is_hardly_silent(started: ExitStack) -> None:
+    processor = min(os.sched_getaffinity(0))
+    for _ in range(4):
+        run(started, SPIN, 0, processor)
+    starved = run(started, SPIN, 19, processor)
+    seen_s, passed_s = counted(starved.pid, 1.5)
+    assert seen_s < 0.5 * passed_s
+
+
+def test_the_count_begins_anew_with_every_sign_and_leaves_out_what_nobody_saw() -> None:
+    silence = Silence(os.getpid())
+    silence.look(100.0, 0.0)
+    assert silence.look(100.5, 0.5) == 0.5
+    assert silence.look(100.9, 0.1) == 0.1
+    assert silence.look(200.0, 99.2) == 0.1  # nobody looked for a minute and a half
+    assert silence.look(200.4, 99.6) == pytest.approx(0.5)
