@@ -1,7 +1,7 @@
-"""Telling an engine that hangs from one that is not let run: by the time that its threads wait for a processor.
+"""Telling an engine that hangs from one that is not let run: whether a thread of it stands ready and gets no processor.
 
-Linux tells, for every thread, how long it stood ready and got none (``/proc/PID/task/TID/schedstat``, the second
-number). Elsewhere all silence counts.
+Linux tells of every thread whether it is ready (``/proc/PID/task/TID/stat``) and how long it has run (``schedstat``).
+Elsewhere all silence counts.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ class Silence:
     """How long a process has been silent though it could have spoken.
 
     While nobody looked for over a second, whoever looks was stopped, and so was everything else: that does not count.
-    Nor does the time for which the thread that waited longest got no processor.
+    Nor does the time between two looks for which a thread stood ready and did not run.
 
     Attributes:
         pid: of the process; its children count as its own.
@@ -30,7 +30,7 @@ class Silence:
     pid: int
     counted_s: float = 0.0
     _looked_s: float | None = None
-    _waited_ns: dict[int, int] = field(default_factory=dict)
+    _ready: dict[int, int] = field(default_factory=dict)
 
     def look(self, now_s: float, silent_s: float) -> float:
         """Return the silence that counts.
@@ -41,28 +41,22 @@ class Silence:
         """
         passed_s = 0.0 if self._looked_s is None else now_s - self._looked_s
         self._looked_s = now_s
-        if passed_s > _ASLEEP_S:
+        before, self._ready = self._ready, {} if silent_s <= _SHORT_S else _ready(self.pid)
+        starved = any(before.get(thread) == ran_ns for thread, ran_ns in self._ready.items())
+        if starved or passed_s > _ASLEEP_S:
             passed_s = 0.0
-        if silent_s <= _SHORT_S:
-            self._waited_ns.clear()
-        else:
-            passed_s = max(0.0, passed_s - self._starved_s())
         self.counted_s = min(self.counted_s + passed_s, silent_s)
         return self.counted_s
 
-    def _starved_s(self) -> float:
-        """Return for how long a thread waited for a processor since the last look, of all threads the longest."""
-        before, self._waited_ns = self._waited_ns, _waited_ns(self.pid)
-        return max((ns - before.get(thread, ns) for thread, ns in self._waited_ns.items()), default=0) * 1e-9
 
-
-def _waited_ns(pid: int) -> dict[int, int]:
-    """Return how long each thread of a process and of its children has waited for a processor so far."""
+def _ready(pid: int) -> dict[int, int]:
+    """Return the threads of a process and its children that are ready to run, and how long each ran so far, in ns."""
     found: dict[int, int] = {}
     for process in (pid, *_children(pid)):
         with suppress(OSError, ValueError, IndexError):
             for thread in Path(f"/proc/{process}/task").iterdir():
-                found[int(thread.name)] = int((thread / "schedstat").read_text().split()[1])
+                if (thread / "stat").read_text().rpartition(")")[2].split()[0] == "R":
+                    found[int(thread.name)] = int((thread / "schedstat").read_text().split()[0])
     return found
 
 
