@@ -18,10 +18,11 @@ from tickfix.cli.replay import PipelineNames, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
 from tickfix.drivers.live.beacon import Beacon
+from tickfix.drivers.live.errors import OverrunError
 from tickfix.drivers.live.serving import Order, Runnable, resumable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.supervisor import CRASHED, supervise
+from tickfix.drivers.live.supervisor import CRASHED, ENDED, supervise
 from tickfix.journal import JournalError
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses
@@ -135,6 +136,8 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
         )
     except (TickfixError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
+        if isinstance(error, OverrunError):
+            return ENDED
         # What cannot begin is for people to mend; what breaks while it runs is worth another try.
         return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
     return 0

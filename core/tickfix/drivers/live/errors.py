@@ -7,3 +7,7 @@ from tickfix.api import TickfixError
 
 class EngineError(TickfixError):
     """An engine that cannot begin or go on."""
+
+
+class OverrunError(EngineError):
+    """An engine that was told to end when it falls behind, and did."""

@@ -26,6 +26,8 @@ from tickfix.drivers.live.serving import Order
 _LOOK_S: Final = 0.05
 _ASLEEP_S: Final = 1.0
 """A supervisor that comes to look so late was stopped itself, and the engine with it: no silence to hold against it."""
+ENDED: Final = 3
+"""Exit code of an engine that ended as it was told to for such a case: nobody starts it again."""
 CRASHED: Final = 70
 """Exit code of an engine that failed in a way nobody foresaw (EX_SOFTWARE)."""
 _SPAN_S: Final = 60.0
@@ -114,7 +116,7 @@ def supervise(
             past.died(time.monotonic(), code, child, beacon)
             if stopping:
                 return max(code, 0)
-            if code == 0 or (code > 0 and code != CRASHED and not past.served):
+            if code in (0, ENDED) or (code > 0 and code != CRASHED and not past.served):
                 return code
             if not past.served and len(past.deaths) > _GIVEN_UP:
                 raise EngineError(f"the engine died {len(past.deaths)} times before it ever served; giving up")
