@@ -19,11 +19,11 @@ from tickfix.cli.replay import PipelineNames, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
 from tickfix.drivers.live.beacon import Beacon
-from tickfix.drivers.live.errors import WorkerError
+from tickfix.drivers.live.errors import OverrunError, WorkerError
 from tickfix.drivers.live.serving import Order, Runnable, resumable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.supervisor import CRASHED, OWN, supervise
+from tickfix.drivers.live.supervisor import CRASHED, ENDED, OWN, supervise
 from tickfix.journal import JournalError
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses
@@ -142,6 +142,8 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
             if error.signal in OWN:  # what breaks a worker would have broken an engine without workers
                 os.kill(os.getpid(), error.signal)
             return CRASHED
+        if isinstance(error, OverrunError):
+            return ENDED
         # What cannot begin is for people to mend; what breaks while it runs is worth another try.
         return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
     return 0
