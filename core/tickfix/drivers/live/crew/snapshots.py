@@ -14,7 +14,6 @@ from tickfix.drivers.live.crew.roll import Roll
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.replica import ReplicaSnapshot
 from tickfix.kernel import KernelSnapshot
-from tickfix.kernel.snapshot import SessionSnapshot
 from tickfix.wire import decode_event, encode_event
 
 
@@ -29,9 +28,8 @@ def merged(parts: Sequence[Saved], roll: Roll) -> bytes:
             raise EngineError(f"a worker could not make its part of a snapshot: {part.refused}")
     kernels = [KernelSnapshot.unpacked(part.rest) for part in parts]
     devices = {device: Packed(body) for part in parts for device, body in part.devices}
-    sessions = {
-        key: seen for kernel in kernels for key, seen in zip(_keys(kernel.sessions), kernel.sessions, strict=True)
-    }
+    sessions = {(seen.device, seen.session): seen for kernel in kernels for seen in kernel.sessions}
+    order = [(seen.device, seen.session) for seen in roll.sessions.snapshot()]
     retired = {device: number for kernel in kernels for device, number in kernel.retired}
     kernel = KernelSnapshot(
         seed=kernels[0].seed,
@@ -39,7 +37,7 @@ def merged(parts: Sequence[Saved], roll: Roll) -> bytes:
         # The bytes of a device are not taken apart to be put together again.
         devices=cast("Any", tuple(devices[device] for device in roll.followed)),
         # A device that was lost and came back within a batch of steps has left more in the roll than with its worker.
-        sessions=tuple(sessions[key] for key in _keys(roll.sessions.snapshot()) if key in sessions),
+        sessions=tuple(sessions[key] for key in order if key in sessions),
         retired=tuple((device, retired[device]) for device in roll.sessions.retired if device in retired),
         intake=_summed(kernel.intake for kernel in kernels),
         measurements=_summed(kernel.measurements for kernel in kernels),
@@ -79,10 +77,6 @@ def split(data: bytes, roll: Roll, workers: int, owner: Callable[[str], int]) ->
         parts.append(pack(ReplicaSnapshot(part.packed(), scans, kept.primary)))
     roll.restore(kernel, waiting, kept.primary)
     return parts
-
-
-def _keys(sessions: Iterable[SessionSnapshot]) -> list[tuple[str, str]]:
-    return [(seen.device, seen.session) for seen in sessions]
 
 
 def _summed(counts: Iterable[tuple[tuple[str, int], ...]]) -> tuple[tuple[str, int], ...]:
