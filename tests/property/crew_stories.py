@@ -25,6 +25,7 @@ from tickfix.drivers.live.crew.worker import Worker
 from tickfix.drivers.live.folding import Feed, Folding, Step
 from tickfix.drivers.live.replica import Replica
 from tickfix.kernel import KernelSettings, Pipeline, sessions
+from tickfix.kernel.timeline import Timeline
 from tickfix.wire import encode_event
 from tickfix.wire.decisions import Drop, Finish, Fold, Primary, Run
 
@@ -33,6 +34,7 @@ T0 = 5_000_000_000_000
 DEVICES = tuple("abcdefg")
 SETTINGS = KernelSettings(horizon_s=2.0)
 ROUNDS = 40
+MARKED_HPA = 13.0
 
 
 def pipelines() -> tuple[Pipeline, ...]:
@@ -261,11 +263,42 @@ def large() -> Counter[str]:
     return Counter({"bytes sent at once": sent, "bytes answered": len(msgspec.msgpack.encode(done[0]))})
 
 
+def defects() -> Counter[str]:
+    """Have a kernel with a defect break on one device after the other; each is lost alone, and comes back."""
+    honest = Timeline.insert
+
+    def broken(self: Timeline, event: Event, **more: Any) -> Any:
+        if isinstance(event, Pressure) and event.pressure_hpa == MARKED_HPA:
+            raise ZeroDivisionError("a defect")
+        return honest(self, event, **more)
+
+    Timeline.insert = broken  # type: ignore[method-assign]
+    sessions._RETIRED = 3
+    folders = [begun(workers) for workers in (0, 2, 3)]
+    seen: Counter[str] = Counter()
+    for n in range(1, 30):
+        devices = DEVICES * 2 if n % 3 else [DEVICES[n % len(DEVICES)]]
+        hpa = 1000.0 if n % 3 else MARKED_HPA
+        told = [
+            Pressure(t_ns=T0 + 200 * MS * n + at, pressure_hpa=hpa, device=device, session=f"s{n % 5}", seq=n + at)
+            for at, device in enumerate(devices)
+        ]
+        steps = [step for event in told for step in (Feed(n, event), Run(device=event.device))]
+        done = [folder.apply(steps) for folder in folders]
+        same("what came of the steps", *done)
+        seen["lost"] += sum(came.outcome == "malformed" for came in done[0])
+        same("what repeats", *([folder.repeats(event) for event in told] for folder in folders))
+        same("standings", *(list(folder.standings().items()) for folder in folders))
+        same("snapshots", *(folder.snapshot() for folder in folders))
+    end(folders)
+    return seen
+
+
 def main() -> None:
     """Tell stories and print what was in them."""
     whole: Counter[str] = Counter()
     stories: list[Callable[[], Counter[str]]] = [lambda seed=seed: tell(seed) for seed in range(int(sys.argv[1]))]  # type: ignore[misc]
-    for story in [*stories, bounds, large]:
+    for story in [*stories, bounds, large, defects]:
         whole += story()
     sys.stdout.write(msgspec.json.encode(whole).decode() + "\n")
 

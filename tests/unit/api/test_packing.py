@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.api import Floats, Ints, pack, unpack
-from tickfix.api.packing import nbytes
+from tickfix.api.packing import Packed, nbytes
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,13 @@ def test_a_state_comes_back_bit_for_bit(state: State) -> None:
     assert (again.n, again.known, again.raw) == (state.n, state.known, state.raw)
     assert type(again.several) is tuple
     assert not again.inner.numbers.flags.writeable
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(states)
+def test_what_was_packed_before_stands_for_what_it_was_packed_from(state: State) -> None:
+    for value in (state, state.inner, state.inner.numbers):
+        assert pack((1, Packed(pack(value)), "a")) == pack((1, value, "a"))
 
 
 @settings(max_examples=300, deadline=None, derandomize=True)

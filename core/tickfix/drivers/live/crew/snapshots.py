@@ -29,14 +29,16 @@ def merged(parts: Sequence[Saved], roll: Roll) -> bytes:
     kernels = [KernelSnapshot.unpacked(part.rest) for part in parts]
     devices = {device: Packed(body) for part in parts for device, body in part.devices}
     sessions = {(seen.device, seen.session): seen for kernel in kernels for seen in kernel.sessions}
+    order = [(seen.device, seen.session) for seen in roll.sessions.snapshot()]
     retired = {device: number for kernel in kernels for device, number in kernel.retired}
     kernel = KernelSnapshot(
         seed=kernels[0].seed,
         horizon_s=kernels[0].horizon_s,
         # The bytes of a device are not taken apart to be put together again.
         devices=cast("Any", tuple(devices[device] for device in roll.followed)),
-        sessions=tuple(sessions[seen.device, seen.session] for seen in roll.sessions.snapshot()),
-        retired=tuple((device, retired[device]) for device in roll.sessions.retired),
+        # A device that was lost and came back within a batch of steps has left more in the roll than with its worker.
+        sessions=tuple(sessions[key] for key in order if key in sessions),
+        retired=tuple((device, retired[device]) for device in roll.sessions.retired if device in retired),
         intake=_summed(kernel.intake for kernel in kernels),
         measurements=_summed(kernel.measurements for kernel in kernels),
         failures=_summed(kernel.failures for kernel in kernels),
