@@ -137,16 +137,20 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
         )
     except (TickfixError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
-        if isinstance(error, WorkerError):
-            sys.stderr.flush()
-            if error.signal in OWN:  # what breaks a worker would have broken an engine without workers
-                os.kill(os.getpid(), error.signal)
-            return CRASHED
-        if isinstance(error, OverrunError):
-            return ENDED
-        # What cannot begin is for people to mend; what breaks while it runs is worth another try.
-        return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
+        sys.stderr.flush()
+        return _code_of(error, running=running)
     return 0
+
+
+def _code_of(error: TickfixError | OSError, *, running: bool) -> int:
+    """Return the exit code that tells the supervisor what to do about an error."""
+    if isinstance(error, WorkerError) and error.signal in OWN:
+        os.kill(os.getpid(), error.signal)  # what breaks a worker would have broken an engine without workers
+    if isinstance(error, OverrunError):
+        return ENDED
+    # What cannot begin is for people to mend; what breaks while it runs is worth another try.
+    broke = isinstance(error, WorkerError) or (running and isinstance(error, PortError | JournalError | OSError))
+    return CRASHED if broke else 2
 
 
 def _with_ports(settings: Config, given: dict[str, Any]) -> Config:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from tickfix.api import Estimate, Fix, Recording, Truth
+from tickfix.api import Estimate, Event, Fix, MotionSamples, Recording, Samples, Truth
+from tickfix.api.events import UNSET_NS
 from tickfix.kernel import Kernel, KernelSettings, Outcome, Output, Pipeline
 
-_WAYPOINT_SIGMA_M = 0.5
+_WAYPOINT_SIGMA_M: Final = 0.5
+_LONGEST_NS: Final = 60_000_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -74,7 +77,8 @@ def replay(
     now_ns = 0
     for event in events:
         now_ns = event.arrival_ns
-        kernel.feed(event)
+        for piece in _pieces(event):
+            kernel.feed(piece)
         collect(kernel.run(event.device), now_ns)
     collect(kernel.finish(device), now_ns)
     intake: Counter[str] = Counter(kernel.intake)
@@ -88,6 +92,27 @@ def replay(
         measurements=dict(sorted(kernel.measurements.items())),
         failures=dict(sorted(kernel.failures.items())),
     )
+
+
+def _pieces(event: Event) -> Iterator[Event]:
+    """Cut a batch of samples that is longer than a message may be; how samples are batched changes nothing."""
+    if not isinstance(event, MotionSamples) or event.t1_ns - event.t0_ns <= _LONGEST_NS:
+        yield event
+        return
+    parts = {name: samples.t_ns // _LONGEST_NS for name, samples in event.sensors.items()}
+    for part in np.unique(np.concatenate(list(parts.values()))):
+        within = {name: found == part for name, found in parts.items()}
+        yield replace(
+            event,
+            sensors={
+                name: Samples(samples.t_ns[within[name]], samples.values[within[name]])
+                for name, samples in event.sensors.items()
+                if within[name].any()
+            },
+            t0_ns=UNSET_NS,
+            t1_ns=UNSET_NS,
+            seq=0,
+        )
 
 
 def known_start(recording: Recording) -> Fix | None:
