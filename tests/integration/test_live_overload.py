@@ -148,7 +148,7 @@ def test_an_overrun_policy_of_fail_ends_the_engine_and_says_why(
 ) -> None:
     engine = lab.serve(config("fail"), "--journal", lab.place / "journal")
     sender = lab.send(engine, min((floor_folder / "path_data_files").glob("*.txt")), "--speed", "1")
-    assert engine.popen.wait(PATIENCE_S) == 2
+    assert engine.popen.wait(PATIENCE_S) == 3
     sender.kill()
     engine.wait_until_read()
     assert "s behind with 1 devices, and overrun = 'fail'" in "".join(engine.errors)

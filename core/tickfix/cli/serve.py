@@ -19,11 +19,11 @@ from tickfix.cli.replay import PipelineNames, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
 from tickfix.drivers.live.beacon import Beacon
-from tickfix.drivers.live.errors import WorkerError
+from tickfix.drivers.live.errors import OverrunError, WorkerError
 from tickfix.drivers.live.serving import Order, Runnable, resumable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.supervisor import CRASHED, OWN, supervise
+from tickfix.drivers.live.supervisor import CRASHED, ENDED, OWN, supervise
 from tickfix.journal import JournalError
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses
@@ -137,14 +137,21 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
         )
     except (TickfixError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
-        if isinstance(error, WorkerError):
-            sys.stderr.flush()
-            if error.signal in OWN:  # what breaks a worker would have broken an engine without workers
-                os.kill(os.getpid(), error.signal)
-            return CRASHED
-        # What cannot begin is for people to mend; what breaks while it runs is worth another try.
-        return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
+        sys.stderr.flush()
+        return _code_of(error, running=running)
     return 0
+
+
+def _code_of(error: TickfixError | OSError, *, running: bool) -> int:
+    """Return the exit code by which the supervisor knows what to do next."""
+    if isinstance(error, OverrunError):
+        return ENDED
+    if isinstance(error, WorkerError):
+        if error.signal in OWN:  # what breaks a worker would have broken an engine without workers
+            os.kill(os.getpid(), error.signal)
+        return CRASHED
+    # What cannot begin is for people to mend; what breaks while it runs is worth another try.
+    return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
 
 
 def _with_ports(settings: Config, given: dict[str, Any]) -> Config:

@@ -18,7 +18,7 @@ from tickfix.api import Event, PluginError, Scan, Truth
 from tickfix.api.errors import PortError
 from tickfix.drivers.live.commands import obey
 from tickfix.drivers.live.deadlines import Deadlines
-from tickfix.drivers.live.errors import EngineError
+from tickfix.drivers.live.errors import EngineError, OverrunError
 from tickfix.drivers.live.folding import Done, Feed, Folding, Step
 from tickfix.drivers.live.histogram import Histogram
 from tickfix.drivers.live.ledger import Ledger
@@ -167,7 +167,7 @@ class Engine:
         """Run until told to stop, by :meth:`stop` or over the control port.
 
         Raises:
-            EngineError: when it falls behind and the overrun policy is ``fail``.
+            OverrunError: when it falls behind and the overrun policy is ``fail``.
             JournalError: when the journal cannot be written for another reason than a full disk.
         """
         try:
@@ -397,7 +397,7 @@ class Engine:
         self.counts["overloads"] += 1
         message = f"overload: the loop is {lateness_ns * 1e-9:.1f} s behind with {len(self._deadlines.devices)} devices"
         if self._settings.overrun == "fail":
-            raise EngineError(f"{message}, and overrun = 'fail'")
+            raise OverrunError(f"{message}, and overrun = 'fail'")
         self._hub.refuse(f"the engine is {self.overload}")
         self._tell(f"{message}; new devices are refused until it keeps up")
 

@@ -20,3 +20,7 @@ class WorkerError(EngineError):
         """Say how it ended."""
         super().__init__(text)
         self.signal = signal
+
+
+class OverrunError(EngineError):
+    """An engine that was told to end when it falls behind, and did."""

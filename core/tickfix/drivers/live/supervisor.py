@@ -25,6 +25,8 @@ from tickfix.drivers.live.serving import Order
 from tickfix.drivers.live.silence import Silence
 
 _LOOK_S: Final = 0.05
+ENDED: Final = 3
+"""Exit code of an engine that ended as it was told to for such a case: nobody starts it again."""
 CRASHED: Final = 70
 """Exit code of an engine that failed in a way nobody foresaw (EX_SOFTWARE)."""
 _SPAN_S: Final = 60.0
@@ -113,7 +115,7 @@ def supervise(
             past.died(time.monotonic(), code, child, beacon)
             if stopping:
                 return max(code, 0)
-            if code == 0 or (code > 0 and code != CRASHED and not past.served):
+            if code in (0, ENDED) or (code > 0 and code != CRASHED and not past.served):
                 return code
             if not past.served and len(past.deaths) > _GIVEN_UP:
                 raise EngineError(f"the engine died {len(past.deaths)} times before it ever served; giving up")
