@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from live_lab import LIGHT, PORTS, Lab, outcome
+from live_lab import LIGHT, PORTS, Lab, outcome, until
 from stored_floor import Command
 
 from tickfix.cli.keys import app as keys_app
@@ -34,6 +34,8 @@ def test_commands_come_in_with_their_keys_and_are_told_what_to_do_without(
     sensors, positions, control = (engine.at[name] for name in ("sensors", "positions", "control"))
 
     listener = lab.start("listen", positions, "--count", "5", "--timeout", "60", "--json", *desk)
+    with Control(control, keys=Keys.read(keys / "desk.key", keys / "engine.pub"), timeout_s=60.0) as asked:
+        until(lambda: asked.counters()["ports"]["keys"]["admitted"].get("positions", 0) > 0)
     assert outcome(lab.send(engine, one, "--speed", "0", *phone))["unknown"] == 0
     said, errors = listener.communicate(timeout=60)
     assert "5 estimates heard" in errors

@@ -143,14 +143,15 @@ def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> 
 
 
 def _code_of(error: TickfixError | OSError, *, running: bool) -> int:
-    """Return the exit code that tells the supervisor what to do about an error."""
-    if isinstance(error, WorkerError) and error.signal in OWN:
-        os.kill(os.getpid(), error.signal)  # what breaks a worker would have broken an engine without workers
+    """Return the exit code by which the supervisor knows what to do next."""
     if isinstance(error, OverrunError):
         return ENDED
+    if isinstance(error, WorkerError):
+        if error.signal in OWN:  # what breaks a worker would have broken an engine without workers
+            os.kill(os.getpid(), error.signal)
+        return CRASHED
     # What cannot begin is for people to mend; what breaks while it runs is worth another try.
-    broke = isinstance(error, WorkerError) or (running and isinstance(error, PortError | JournalError | OSError))
-    return CRASHED if broke else 2
+    return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
 
 
 def _with_ports(settings: Config, given: dict[str, Any]) -> Config:
