@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Final
 
@@ -54,8 +55,7 @@ class Crew:
         """Start the workers."""
         self._members: list[Member] = []
         for n in range(workers):
-            member = Member(n, lambda line, notices, n=n: work(n, line, notices), self._members)  # type: ignore[misc]
-            self._members.append(member)
+            self._members.append(Member(n, partial(work, n), self._members))
         self._roll = Roll()
         self._standings: dict[str, Standing] = {}
         self._forgotten: list[str] = []
