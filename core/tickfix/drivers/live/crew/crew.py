@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
@@ -29,7 +28,7 @@ from tickfix.drivers.live.crew.messages import (
 )
 from tickfix.drivers.live.crew.notices import Notices
 from tickfix.drivers.live.crew.roll import Roll, owner
-from tickfix.drivers.live.crew.snapshots import merged, split
+from tickfix.drivers.live.crew.snapshots import merged, split, summed
 from tickfix.drivers.live.errors import WorkerError
 from tickfix.drivers.live.folding import Books, Done, Step
 from tickfix.kernel import Standing
@@ -119,9 +118,9 @@ class Crew:
         self._uncounted.clear()
         return Books(
             devices=len(self._roll.followed),
-            measurements=_summed(tally.measurements for tally in self._tallies),
+            measurements=summed(tally.measurements for tally in self._tallies),
             missing=sum(tally.missing for tally in self._tallies),
-            failures=_summed(tally.failures for tally in self._tallies),
+            failures=summed(tally.failures for tally in self._tallies),
         )
 
     def snapshot(self) -> bytes:
@@ -192,10 +191,3 @@ class Crew:
         for n, request in requests.items():
             self._members[n].ask(request)
         return {n: self._members[n].answer() for n in requests}
-
-
-def _summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
-    total: Counter[str] = Counter()
-    for one in counts:
-        total.update(one)
-    return dict(total)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -39,9 +39,9 @@ def merged(parts: Sequence[Saved], roll: Roll) -> bytes:
         # A device that was lost and came back within a batch of steps has left more in the roll than with its worker.
         sessions=tuple(sessions[key] for key in order if key in sessions),
         retired=tuple((device, retired[device]) for device in roll.sessions.retired if device in retired),
-        intake=_summed(kernel.intake for kernel in kernels),
-        measurements=_summed(kernel.measurements for kernel in kernels),
-        failures=_summed(kernel.failures for kernel in kernels),
+        intake=tuple(sorted(summed(dict(kernel.intake) for kernel in kernels).items())),
+        measurements=tuple(sorted(summed(dict(kernel.measurements) for kernel in kernels).items())),
+        failures=tuple(sorted(summed(dict(kernel.failures) for kernel in kernels).items())),
     )
     waiting = tuple((number, encode_event(scan)) for number, scan in roll.waiting.items())
     return pack(ReplicaSnapshot(kernel.packed(), waiting, roll.primary))
@@ -79,8 +79,9 @@ def split(data: bytes, roll: Roll, workers: int, owner: Callable[[str], int]) ->
     return parts
 
 
-def _summed(counts: Iterable[tuple[tuple[str, int], ...]]) -> tuple[tuple[str, int], ...]:
+def summed(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """Return the sums of counters."""
     total: Counter[str] = Counter()
     for one in counts:
-        total.update(dict(one))
-    return tuple(sorted(total.items()))
+        total.update(one)
+    return dict(total)
