@@ -100,6 +100,7 @@ def test_export_writes_json_lines_of_all_that_was_kept(tickfix: Command, journal
     assert lines[4] == {"number": 6, "kind": "decision", "wall_ns": lines[4]["wall_ns"], "type": "Run"} | {
         "device": "a",
         "tick": 1,
+        "most": None,
     }
     assert (lines[7]["status"], lines[7]["belief"]["xy"]) == ("tracking", [1.5, 2.5])
     assert lines[9]["belief"]["speed_mps"] is None

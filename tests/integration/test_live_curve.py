@@ -60,6 +60,8 @@ def test_commands_come_in_with_their_keys_and_are_told_what_to_do_without(
         counters = asked.counters()["ports"]
     intake = counters["intake"]
     assert intake["received"] == sum(intake["outcomes"].values())
-    assert {name for name, n in intake["outcomes"].items() if n != before[name]} == {"unauthorised"}
+    # A sender in a hurry is throttled before anybody looks at what it sends.
+    changed = {name for name, n in intake["outcomes"].items() if n != before[name]}
+    assert changed - {"throttled"} == {"unauthorised"}
     assert counters["keys"]["refused"].keys() == {"sensors", "control"}
     engine.stop()

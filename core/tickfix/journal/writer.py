@@ -19,6 +19,7 @@ from tickfix.journal.retention import drop_old
 from tickfix.journal.segment_file import SegmentFile
 from tickfix.journal.settings import JournalSettings
 
+_SNAPSHOTS: Final = 4
 _MB: Final = 1_000_000
 
 
@@ -69,6 +70,7 @@ class JournalWriter:
             raise
         self._index = index
         self._begun_ns = now_ns
+        self._opening_size = self._file.layout.offset
         self._group = Group(first_number if opening is None else opening.next)
         self._disk = DiskThread(folder, self._settings.sync_ms / 1e3, first_number - 1, self._drop_old)
         self._disk.wrote(self._file, self._group.next - 1)
@@ -130,10 +132,17 @@ class JournalWriter:
         return count
 
     def wants_segment(self) -> bool:
-        """Tell whether the segment is as large or as old as the settings allow."""
+        """Tell whether the segment is as large or as old as the settings allow.
+
+        The snapshot that it begins with does not count, and four times as much must follow it: of many devices it is
+        large, the loop waits while it is made, and a journal of snapshots would serve nobody.
+        """
         age_s = (self._wall_ns() - self._begun_ns) * 1e-9
-        size_mb = (self._file.layout.offset + self._group.size) / _MB
-        return size_mb >= self._settings.segment_mb or age_s >= self._settings.segment_s
+        grown = self._file.layout.offset + self._group.size - self._opening_size
+        return (
+            grown >= max(self._settings.segment_mb * _MB, _SNAPSHOTS * self._opening_size)
+            or age_s >= self._settings.segment_s
+        )
 
     def new_segment(self, snapshot: bytes) -> None:
         """Commit, begin a segment with the snapshot as its first record, and close the one before.
@@ -155,6 +164,7 @@ class JournalWriter:
         self._file = new
         self._index += 1
         self._begun_ns = now_ns
+        self._opening_size = new.layout.offset
         self._group = Group(opening.next)
         self._disk.wrote(new, opening.first)
 

@@ -123,6 +123,18 @@ def test_segments_are_wanted_by_size_and_by_age(tmp_path: Path, manifest: Manife
         assert writer.wants_segment()
 
 
+def test_a_large_snapshot_is_not_followed_by_another_at_once(tmp_path: Path, manifest: Manifest) -> None:
+    settings = JournalSettings(segment_mb=0.01)
+    with JournalWriter(tmp_path, manifest, settings) as writer:
+        writer.new_segment(bytes(100_000))
+        for _ in range(4):
+            assert not writer.wants_segment()
+            writer.append(Kind.EVENT, "a", 1, bytes(100_000))
+            writer.commit()
+        writer.append(Kind.EVENT, "a", 1, bytes(10_000))
+        assert writer.wants_segment()
+
+
 def journal_of(folder: Path, manifest: Manifest, segments: int, settings: JournalSettings) -> JournalReader:
     with JournalWriter(folder, manifest, settings) as writer:
         for _ in range(segments - 1):
