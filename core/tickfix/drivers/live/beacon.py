@@ -1,24 +1,24 @@
 """Signs of life of an engine, in memory shared with its supervisor: when it last went round, and in which stage.
 
 Writing one costs some hundred nanoseconds, so every call of a stage leaves its mark. Each worker of an engine has a
-place of its own; while it rests it owes no sign.
+place of its own; while it rests it owes no sign. Signs are whole numbers of 64 bits, each written at once: a reader
+never sees half of one (``struct.pack_into`` would clear the place first, and a time of 0 looks like a long silence).
 """
 
 from __future__ import annotations
 
 import json
 import mmap
-import struct
 import time
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from tickfix.kernel import Pipeline, Stage
 
-_SIGN: Final = struct.Struct("<qi4x")  # time of the last sign, 0 for a worker at rest; place of the stage in the list
+_SIGN: Final = 2  # numbers: time of the last sign, 0 for a worker at rest; place of the stage in the list
 _SIZE: Final = 1 << 16
 WORKERS: Final = 64
-_SERVES: Final = _SIGN.size * (1 + WORKERS)
+_SERVES: Final = 8 * _SIGN * (1 + WORKERS)
 _NAMES: Final = _SERVES + 1
 
 
@@ -28,12 +28,13 @@ class Beacon:
     Args:
         memory: another beacon's; None makes a new one.
         places: the other's, of stages in their list.
-        at: where in the memory the signs are left.
+        at: the number in the memory where the signs are left.
     """
 
     def __init__(self, memory: mmap.mmap | None = None, places: Mapping[str, int] | None = None, at: int = 0) -> None:
         """Begin with a sign of life and no stage."""
         self._memory = mmap.mmap(-1, _SIZE) if memory is None else memory
+        self._signs = memoryview(self._memory)[:_SERVES].cast("q")
         self._places = {} if places is None else places
         self._at = at
         if memory is None:
@@ -51,15 +52,15 @@ class Beacon:
         """Return the beacon of the worker with this number, counted from 0, in the same memory."""
         if not 0 <= n < WORKERS:
             raise ValueError(f"worker: found {n}, expected 0 to {WORKERS - 1}")
-        return Beacon(self._memory, self._places, _SIGN.size * (1 + n))
+        return Beacon(self._memory, self._places, _SIGN * (1 + n))
 
     def alive(self) -> None:
         """Leave a sign of life; no stage is being called."""
-        _SIGN.pack_into(self._memory, self._at, time.monotonic_ns(), -1)
+        self._sign(time.monotonic_ns(), -1)
 
     def rest(self) -> None:
         """Nothing is to be done: no sign is owed until the next one."""
-        _SIGN.pack_into(self._memory, self._at, 0, -1)
+        self._sign(0, -1)
 
     def serving(self) -> None:
         """Leave a sign that the engine has begun to serve."""
@@ -83,18 +84,20 @@ class Beacon:
     def calling(self, stage: Stage | None) -> None:
         """Leave a sign that ``stage`` is called now; None means that it has come back."""
         place = -1 if stage is None else self._places.get(stage.key, -1)
-        _SIGN.pack_into(self._memory, self._at, time.monotonic_ns(), place)
+        self._sign(time.monotonic_ns(), place)
 
     @property
     def silence_s(self) -> float:
         """How long there was no sign; while the loop waits for its workers, of the one that is silent for longest."""
-        last_ns, *busy_ns = (signed_ns for signed_ns, _ in self._signs() if signed_ns)
-        return (time.monotonic_ns() - max(last_ns, min(busy_ns, default=0))) * 1e-9
+        last_ns, *worker_ns = self._signs.tolist()[::_SIGN]
+        busy_ns = min((signed_ns for signed_ns in worker_ns if signed_ns), default=0)
+        return (time.monotonic_ns() - max(last_ns, busy_ns)) * 1e-9
 
     @property
     def stage(self) -> tuple[str, str] | None:
         """Key and label of the stage that was called last by whom nothing was heard since; None if it came back."""
-        called = min(((signed_ns, place) for signed_ns, place in self._signs() if place >= 0), default=None)
+        signs = self._signs.tolist()
+        called = min((sign for sign in zip(signs[::_SIGN], signs[1::_SIGN], strict=True) if sign[1] >= 0), default=None)
         if called is None:
             return None
         stages = self._introduced().get("stages", [])
@@ -119,6 +122,6 @@ class Beacon:
             return {}
         return found
 
-    def _signs(self) -> list[tuple[int, int]]:
-        """Return time and stage of the last sign of the loop and of each worker."""
-        return list(_SIGN.iter_unpack(self._memory[:_SERVES]))
+    def _sign(self, signed_ns: int, place: int) -> None:
+        self._signs[self._at + 1] = place
+        self._signs[self._at] = signed_ns

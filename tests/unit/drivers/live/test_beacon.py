@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import time
+import warnings
 
 from tickfix.drivers.live.beacon import WORKERS, Beacon
 from tickfix.kernel import Pipeline, Stage
@@ -59,3 +62,30 @@ def test_marks_and_names_that_make_no_sense_are_no_stage() -> None:
     beacon._memory[1_100:] = b"\xff" * (len(beacon._memory) - 1_100)
     assert beacon.stage is None
     assert beacon.without("filter slow") == []
+
+
+def test_whoever_reads_while_signs_are_left_never_sees_half_of_one() -> None:
+    beacon = Beacon()
+    ours, theirs = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # the child takes no lock that a thread here may hold
+        pid = os.fork()
+    if not pid:
+        os.close(theirs)
+        os.set_blocking(ours, False)
+        try:
+            while True:
+                for _ in range(1000):
+                    beacon.alive()
+                with contextlib.suppress(BlockingIOError):
+                    os.read(ours, 1)
+                    break
+        finally:
+            os._exit(0)
+    try:
+        longest_s = max(beacon.silence_s for _ in range(100_000))
+    finally:
+        os.close(theirs)
+        os.close(ours)
+        os.waitpid(pid, 0)
+    assert longest_s < 20.0
