@@ -608,6 +608,11 @@ BROKEN_MAPS: dict[str, tuple[type[Any], str, str]] = {
         "snapping_does_not_pass",
         "other side",
     ),
+    "by company": (
+        changed(GoodMap, crosses=lambda self, a, b: GoodMap.crosses(self, a, b) & (len(a) > 50)),
+        "judged_by_itself",
+        "says otherwise of 7 places than among 300",
+    ),
     "lists": (changed(GoodMap, contains=lambda self, xy: [True] * len(xy)), "shapes_and_types", "expected"),
     "writes": (
         changed(GoodMap, nearest_free=lambda self, xy: (xy.__setitem__(slice(None), 0.0), xy)[1]),

@@ -168,7 +168,11 @@ class Survey:
 
 
 class FloorMap(Protocol):
-    """Vectorised geometry of one floor. Points are (n, 2) float64, metres, floor frame."""
+    """Vectorised geometry of one floor. Points are (n, 2) float64, metres, floor frame.
+
+    Each point, and each move, is judged by itself: filters ask for many devices at once, and what else is asked may
+    change no answer.
+    """
 
     def contains(self, xy: Floats) -> Bools:
         """Tell for each point whether one can stand there: (n,) bool."""

@@ -161,6 +161,18 @@ class MapContract(AlgorithmContract):
         first, second, other = ([v.tobytes() for v in self._ask(m, a, b)] for m in (one, one, two))
         require(first == second == other, "the same question got two answers")
 
+    def test_each_place_is_judged_by_itself(self) -> None:
+        """Filters ask for many devices at once: what else is asked may change no answer, not even by a bit."""
+        for floor in _floors():
+            mapped, a = self._map(floor), _points(300, 16)
+            b = frozen(a + world.rng(20, 17).normal(0.0, 0.5, a.shape))
+            together = self._ask(mapped, a, b)
+            for some in (slice(0, 1), slice(1, None, 3), *(slice(n, n + 7) for n in range(0, len(a) - 7, 7))):
+                apart = self._ask(mapped, frozen(a[some]), frozen(b[some]))
+                for name, one, other in zip(("contains", "crosses", "nearest_free"), together, apart, strict=True):
+                    same = one[some].tobytes() == other.tobytes()
+                    require(same, f"on {floor.name}: {name} says otherwise of {len(other)} places than among 300")
+
     def _map(self, floor: Floor) -> Any:
         return self.make(dataclasses.replace(world.context(), floor=floor))
 

@@ -61,6 +61,7 @@ def test_a_wrong_start_that_walls_keep_wrong_ends_soon_after_fixes_become_right(
             assert error[:50].min() > 15.0
             off[name].append(float(error[100:].mean()))
     assert max(off["anew"]) < 5.0
+    assert max(off["never"]) > 15.0
     assert np.mean(off["never"]) > 2.0 * np.mean(off["anew"])
 
 

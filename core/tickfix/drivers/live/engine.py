@@ -209,7 +209,8 @@ class Engine:
         self.counts["rounds"] += 1
         for item in items:
             if isinstance(item, Command):
-                self._do_tasks_now()
+                if not self._outbox.full:
+                    self._do_tasks_now()
                 stops = obey(item, self._hub, self._replica, self._ledger, self._names, self.drain)
                 self._stopping = self._stopping or stops
             elif self._outbox.full:
@@ -319,10 +320,11 @@ class Engine:
         for task, done in zip(tasks, self._replica.apply([task.step for task in tasks]), strict=True):
             if done.standing is not None:
                 self._standings[task.device] = done.standing
-            elif isinstance(task.step, Run) and task.device in self._standings:
-                self._forget(task.device)  # the kernel lost it
+            lost = isinstance(task.step, Run) and done.standing is None and task.device in self._standings
+            if lost:
+                self._forget(task.device)
             if isinstance(task.step, Run):
-                self._ran(task, task.step, done)
+                self._ran(task, task.step, done, lost)
             elif isinstance(task.step, Feed) and isinstance(task.step.event, Scan):
                 self._scans.add(task.step.number, task.step.event, task.item)
             else:
@@ -336,14 +338,14 @@ class Engine:
         if done.outcome is not None and task.since_ns is not None:
             self._heard(task.device, task.since_ns)
 
-    def _ran(self, task: Task, run: Run, done: Done) -> None:
+    def _ran(self, task: Task, run: Run, done: Done, lost: bool) -> None:
         standing = self._standings.get(task.device)
         self._behind.pop(task.device, None)
         if standing is not None:
             self._deadlines.closed(task.device, standing.next_tick)
             if standing.behind:
                 self._behind[task.device] = standing.behind
-        if done.spoke:
+        if done.spoke or lost:  # whoever repeats the run must lose the device there, too
             newest_ns = 0 if standing is None or standing.newest_ns is None else standing.newest_ns
             self._ledger.decision(run, task.device, newest_ns)
             self._speaker.say(done.said, task.since_ns)

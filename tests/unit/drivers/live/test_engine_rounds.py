@@ -23,6 +23,7 @@ from tickfix.plugins import discover
 from tickfix.ports import Hub, Incoming, Peer, PeerLimits, PortSettings
 from tickfix.ports.peers import Account
 from tickfix.wire import Bye
+from tickfix.wire.decisions import Run
 
 S = 1_000_000_000
 CONFIG = '[pipelines.k]\npdr = "steps"\nfilter = "kalman"\n'
@@ -144,7 +145,10 @@ def test_a_device_that_the_kernel_lost_is_forgotten_by_the_loop(
         return (yield from honest(device, tick, most))
 
     monkeypatch.setattr(Device, "run", broken)
+    journaled: list[object] = []
+    monkeypatch.setattr(Ledger, "decision", lambda _, decision, *__: journaled.append(decision))
     rounds.round(motion("d", [1.5]), motion("good", [1.5]))
+    assert [one.device for one in journaled if isinstance(one, Run)] == ["d", "good"]
     assert rounds.replica.kernel.devices == ("good",)
     assert [one["device"] for one in rounds.engine.devices(10)] == ["good"]
     assert rounds.engine.report()["failures"] == {"device lost: ZeroDivisionError": 1}
