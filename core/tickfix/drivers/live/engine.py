@@ -320,11 +320,8 @@ class Engine:
         for task, done in zip(tasks, self._replica.apply([task.step for task in tasks]), strict=True):
             if done.standing is not None:
                 self._standings[task.device] = done.standing
-            lost = isinstance(task.step, Run) and done.standing is None and task.device in self._standings
-            if lost:
-                self._forget(task.device)
             if isinstance(task.step, Run):
-                self._ran(task, task.step, done, lost)
+                self._ran(task, task.step, done)
             elif isinstance(task.step, Feed) and isinstance(task.step.event, Scan):
                 self._scans.add(task.step.number, task.step.event, task.item)
             else:
@@ -338,7 +335,10 @@ class Engine:
         if done.outcome is not None and task.since_ns is not None:
             self._heard(task.device, task.since_ns)
 
-    def _ran(self, task: Task, run: Run, done: Done, lost: bool) -> None:
+    def _ran(self, task: Task, run: Run, done: Done) -> None:
+        lost = done.standing is None and task.device in self._standings
+        if lost:
+            self._forget(task.device)
         standing = self._standings.get(task.device)
         self._behind.pop(task.device, None)
         if standing is not None:
