@@ -46,6 +46,21 @@ class FusionPfParams(FixErrorParams):
     outside_weight: Annotated[
         float, parameter("share of its weight it keeps with each step where nobody can walk", gt=0, le=1)
     ] = 0.5
+    aligned: Annotated[
+        float,
+        parameter(
+            "share of ways that run along the nearest wall or straight away from it; 0: directions tell nothing",
+            source="[borenstein2010]",
+            ge=0,
+            lt=1,
+        ),
+    ] = 0.6
+    aligned_sigma_rad: Annotated[
+        float, parameter("σ of their direction", unit="rad", source="[borenstein2010]", gt=0, le=0.5)
+    ] = 0.15
+    aligned_m: Annotated[
+        float, parameter("a way this long is one piece of evidence: shorter ones repeat it", unit="m", gt=0)
+    ] = 12.0
     renewed: Annotated[
         float, parameter("share of the particles that begin anew at a good fix", source="[lenser2000]", ge=0, lt=1)
     ] = 0.03
@@ -103,6 +118,7 @@ JIANG2015: Final = Preset(
         "freedom": 1e12,  # Student's t is Gaussian then
         "crossing_weight": 1.0,
         "outside_weight": 1.0,
+        "aligned": 0.0,
         "renewed": 0.0,
         "renewed_lost": 0.0,
         "scatter_m": 1e6,

@@ -8,8 +8,10 @@ The defaults go beyond the paper. Without a fix nothing weighs: particles spread
 also carries its own bias of the heading and error of the step length, which its walk teaches it, and how far the last
 fix was off if the particle is right: errors of fixes have a memory (:mod:`tickfix_filters.noise`). A particle that
 crosses a wall loses most of its weight, and so does, step by step, one that walks where nobody can; not all of it,
-since plans err too. A few particles begin anew at every fix, so that a wrong belief never lasts (sensor resetting,
-[lenser2000] Lenser and Veloso, "Sensor resetting localization", ICRA 2000).
+since plans err too. One that walks along the nearest wall, or straight away from it, gains a little: so corridors teach
+what the bias of the heading is ([borenstein2010], :mod:`tickfix_filters.wall_directions`). A few particles begin anew
+at every fix, so that a wrong belief never lasts (sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting
+localization", ICRA 2000).
 
 Those few are too few for a person who comes out of a part that nobody surveyed. Fixes there are poor, so the belief
 begins in the wrong shop, is kept there by walls, and every later fix of a large σ agrees with it. What gives it away is
@@ -32,6 +34,7 @@ import numpy as np
 from tickfix.api import (
     Belief,
     Bools,
+    Context,
     Fix,
     Floats,
     Motion,
@@ -40,6 +43,7 @@ from tickfix.api import (
     Preset,
     Report,
     Rng,
+    Trained,
     displacement,
 )
 from tickfix_filters.floors import OnFloor
@@ -47,9 +51,10 @@ from tickfix_filters.fusion_belief import beliefs, mean_xy
 from tickfix_filters.fusion_motion import bias_prior, biases, heading_rad, walked
 from tickfix_filters.fusion_params import JIANG2015, FusionPfParams
 from tickfix_filters.fusion_state import Particles, Unseen, batches
-from tickfix_filters.fusion_walls import around, toll
+from tickfix_filters.fusion_walls import aligned, around, toll
 from tickfix_filters.noise import sigma_m
 from tickfix_filters.resampling import effective_number, normalised, systematic
+from tickfix_filters.wall_directions import WallDirections
 
 _LOST: Final = 4.0  # surprise above which a belief is in doubt: twice σ per axis, over several fixes
 _LEARN: Final = 0.5
@@ -64,10 +69,16 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
     """
 
     name = "fusion-pf"
-    source = "[jiang2015] sections 6–7, eqs. (14)–(19); [bryson1968]; [lenser2000]"
+    source = "[jiang2015] sections 6–7, eqs. (14)–(19); [bryson1968]; [lenser2000]; [borenstein2010]"
     Params = FusionPfParams
     State = Particles
     presets: ClassVar[Mapping[str, Preset]] = {"jiang2015": JIANG2015}
+
+    def __init__(self, params: FusionPfParams, context: Context, trained: Trained | None = None) -> None:
+        """Look which way the walls run of the floors that the pipeline has a map of."""
+        super().__init__(params, context, trained)
+        mapped = [floor for name, floor in context.floors.items() if params.aligned > 0.0 and name in context.maps]
+        self._directions = {floor.name: WallDirections(floor) for floor in mapped}
 
     def step(
         self, state: Particles, motion: Motion, observations: Sequence[Observation], rng: Rng
@@ -167,6 +178,9 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         floors = [state.on.floor for state in states]
         trust = np.array([state.trust for state in states])
         log_weights += trust[:, None] ** 2 * toll(before, xy, floors, motions, self.context.maps, self.params)
+        if self.params.aligned > 0.0:
+            theta = np.array(headings)[:, None] + bias
+            log_weights += aligned(theta, xy, floors, motions, self._directions, self.params)
         weights = normalised(log_weights)
         moved = []
         for d, (state, motion) in enumerate(zip(states, motions, strict=True)):
