@@ -9,7 +9,7 @@ from typing import Any, Final, TypeAlias
 
 import msgspec
 
-from tickfix.wire.decoding import decode_as
+from tickfix.wire.refusals import decode_as
 
 
 class Fold(msgspec.Struct, tag_field="type", tag="fold", kw_only=True, frozen=True):

@@ -9,9 +9,10 @@ from msgspec import Struct
 
 from tickfix.api import Belief, Component, Estimate, EventError, Status
 from tickfix.wire.arrays import numbers, rows
-from tickfix.wire.decoding import check_version, decode_as
 from tickfix.wire.errors import WireError
+from tickfix.wire.heads import check_version
 from tickfix.wire.messages import VERSION, Count, Int64, Numbers, Rows
+from tickfix.wire.refusals import decode_as
 
 _ENCODER: Final = msgspec.msgpack.Encoder()
 

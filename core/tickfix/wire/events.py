@@ -18,9 +18,10 @@ from tickfix.api.events import UNSET_NS
 from tickfix.kernel import Outcome
 from tickfix.wire import messages
 from tickfix.wire.arrays import numbers, rows, times, to_bin
-from tickfix.wire.decoding import read_message, shown
+from tickfix.wire.decoding import read_message
 from tickfix.wire.errors import WireError
 from tickfix.wire.messages import VERSION, EventMessage, Message
+from tickfix.wire.raw import shown
 
 _ENCODER: Final = msgspec.msgpack.Encoder()
 _LITTLE: Final = sys.byteorder == "little"

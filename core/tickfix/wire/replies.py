@@ -7,8 +7,8 @@ from typing import Final, TypeAlias
 import msgspec
 
 from tickfix.kernel import Outcome
-from tickfix.wire.decoding import check_version, decode_as, decode_head, shown
 from tickfix.wire.errors import WireError
+from tickfix.wire.heads import check_version, decode_head
 from tickfix.wire.messages import (
     REQUESTS,
     VERSION,
@@ -21,6 +21,8 @@ from tickfix.wire.messages import (
     Request,
     Welcome,
 )
+from tickfix.wire.raw import shown
+from tickfix.wire.refusals import decode_as
 
 Answer: TypeAlias = Welcome | Ack | Error | Request | Reply | Heartbeat | Envelope | FollowEnvelope
 
