@@ -13,8 +13,7 @@ from tickfix.ports.envelopes import Letter, receive
 from tickfix.ports.intake import Command, Inbox
 from tickfix.ports.peers import Peer, Peers
 from tickfix.wire import VERSION, WireError
-from tickfix.wire.messages import Error, Reply, Request
-from tickfix.wire.replies import decode_request, encode, error_for
+from tickfix.wire.replies import Error, Reply, Request, decode_request, encode, error_for
 
 ORDERS: Final = frozenset({"drain", "stop", "primary"})
 """Requests that the loop must carry out; all others are answered by the port itself."""

@@ -9,8 +9,7 @@ import zmq
 
 from tickfix.ports.publishing import Publisher
 from tickfix.wire import VERSION
-from tickfix.wire.messages import FollowEnvelope
-from tickfix.wire.replies import encode
+from tickfix.wire.replies import FollowEnvelope, encode
 
 Record: TypeAlias = tuple[bytes, int, bytes]
 """Kind (``b"event"`` or ``b"decision"``), number in the journal, bytes."""

@@ -12,8 +12,7 @@ import zmq
 from tickfix.ports.clock import Clock
 from tickfix.ports.publishing import Publisher
 from tickfix.wire import VERSION
-from tickfix.wire.messages import Envelope, Heartbeat
-from tickfix.wire.replies import encode
+from tickfix.wire.replies import Envelope, Heartbeat, encode
 from tickfix.wire.topics import HEARTBEAT, Family, stream_topics
 
 _STREAMS: Final = 65_536

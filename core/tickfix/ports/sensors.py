@@ -27,8 +27,8 @@ from tickfix.wire import (
     unknown_fields,
     unknown_sensors,
 )
-from tickfix.wire.messages import Ack, Error, Fix, Motion, Truth, Welcome
-from tickfix.wire.replies import encode, error_for
+from tickfix.wire.messages import Fix, Motion, Truth
+from tickfix.wire.replies import Ack, Error, Welcome, encode, error_for
 
 _LAST: Final = int(zmq.NOBLOCK)
 _MORE: Final = int(zmq.NOBLOCK | zmq.SNDMORE)

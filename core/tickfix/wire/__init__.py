@@ -8,23 +8,21 @@ from tickfix.wire.errors import WireError
 from tickfix.wire.estimates import decode_estimate, encode_estimate
 from tickfix.wire.events import check_sent, decode_event, encode_event, from_event, to_event, unknown_sensors
 from tickfix.wire.limits import MessageLimits
-from tickfix.wire.messages import (
-    OLDEST_VERSION,
+from tickfix.wire.messages import OLDEST_VERSION, VERSION, Bye, Hello, Message
+from tickfix.wire.replies import (
     REQUESTS,
-    VERSION,
     Ack,
-    Bye,
     Envelope,
     Error,
     FollowEnvelope,
     Heartbeat,
-    Hello,
-    Message,
     Reply,
     Request,
     Welcome,
+    decode_request,
+    encode,
+    error_for,
 )
-from tickfix.wire.replies import decode_request, encode, error_for
 from tickfix.wire.topics import HEARTBEAT, Family, Topic, parse_topic, segment, stream_topics
 
 __all__ = [

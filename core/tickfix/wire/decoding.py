@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import msgspec
 
@@ -17,15 +17,7 @@ from tickfix.wire.raw import FIELDS, look, shown
 from tickfix.wire.refusals import decode_as
 from tickfix.wire.texts import check_texts
 
-_TYPES: Final[Mapping[str, type[Message]]] = {
-    "hello": messages.Hello,
-    "motion": messages.Motion,
-    "scan": messages.Scan,
-    "pressure": messages.Pressure,
-    "fix": messages.Fix,
-    "truth": messages.Truth,
-    "bye": messages.Bye,
-}
+_TYPES: Final[Mapping[str, type[Message]]] = {str(kind.__struct_config__.tag): kind for kind in get_args(Message)}
 _DECODERS: Final = {name: msgspec.msgpack.Decoder(kind) for name, kind in _TYPES.items()}
 _KINDS: Final = {msgspec.msgpack.encode(name): name for name in _TYPES}
 _VERSIONS: Final = frozenset(map(msgspec.msgpack.encode, range(OLDEST_VERSION, VERSION + 1)))

@@ -1,4 +1,4 @@
-"""What goes over the ports, as types: every message is a MessagePack map with its ``type`` and the protocol's version.
+"""What a device says, as types: every message is a MessagePack map with its ``type`` and the protocol's version.
 
 Arrays of times and values are lists, or, cheaper, ``bin`` of little-endian int64 or float64 in row-major order. Fields
 that are not named here are skipped without being built. ``docs/wire-protocol.md`` is the manual, and
@@ -7,11 +7,10 @@ that are not named here are skipped without being built. ``docs/wire-protocol.md
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, TypeAlias
+from typing import Annotated, Final, TypeAlias
 
 from msgspec import Meta, Struct
 
-from tickfix.kernel import Outcome
 from tickfix.wire.limits import CEILING
 
 VERSION: Final = 1
@@ -168,149 +167,3 @@ class Bye(SensorMessage, tag="bye", kw_only=True, frozen=True):
 EventMessage: TypeAlias = Motion | Scan | Pressure | Fix | Truth
 Message: TypeAlias = Hello | Motion | Scan | Pressure | Fix | Truth | Bye
 """What a device may send."""
-
-
-class Welcome(Struct, tag_field="type", tag="welcome", kw_only=True, frozen=True):
-    """Answers a ``hello``.
-
-    Attributes:
-        run: id of the engine's run; a new one means that the engine began anew.
-        site: name of the site.
-        limits: what a message may hold at most, see :class:`~tickfix.wire.limits.MessageLimits`.
-    """
-
-    v: Count
-    run: str
-    site: str
-    limits: dict[str, int]
-
-
-class Ack(Struct, tag_field="type", tag="ack", kw_only=True, frozen=True):
-    """What became of a message that asked for it.
-
-    Attributes:
-        device, session, seq: the message's.
-        outcome: the intake outcome; after ``busy`` and ``throttled`` the message may be sent again.
-        detail: further words, for people.
-    """
-
-    v: Count
-    device: str
-    session: str
-    seq: Count
-    outcome: Outcome
-    detail: str = ""
-
-
-class Error(Struct, tag_field="type", tag="error", kw_only=True, frozen=True):
-    """A message that cannot be used, or a request that cannot be answered: what was found where, what is expected.
-
-    Attributes:
-        outcome: the intake outcome.
-        field: path of the field, such as ``sensors.gyroscope.values[3]``; ``message`` for the whole.
-        found: the value as it was found, shortened.
-        expected: what would be understood.
-        device, session, seq: those of the message as far as they could be read.
-    """
-
-    v: Count
-    outcome: Outcome
-    field: str
-    found: str
-    expected: str
-    device: str = ""
-    session: str = ""
-    seq: Count = 0
-
-
-class Request(Struct, tag_field="type", tag="request", kw_only=True, frozen=True):
-    """Asks something of the control port.
-
-    Attributes:
-        what: one of :data:`REQUESTS`.
-        args: arguments by name.
-    """
-
-    v: Count
-    what: str
-    args: dict[str, Any] = {}
-
-
-class Reply(Struct, tag_field="type", tag="reply", kw_only=True, frozen=True):
-    """Answers a request.
-
-    Attributes:
-        what: the request's.
-        ok: whether it was done.
-        data: the answer, or the reason in words where it was not done.
-    """
-
-    v: Count
-    what: str
-    ok: bool
-    data: Any = None
-
-
-REQUESTS: Final = (
-    "status",
-    "health",
-    "counters",
-    "devices",
-    "pipelines",
-    "plugins",
-    "configuration",
-    "drain",
-    "stop",
-    "primary",
-    "subscribe-info",
-)
-"""What the control port can be asked."""
-
-
-class Envelope(Struct, kw_only=True, frozen=True):
-    """Second frame of a publication.
-
-    Attributes:
-        run: id of the engine's run.
-        seq: counts the publications of one stream (family, device and pipeline) within the run, from 1.
-    """
-
-    v: Count
-    run: str
-    seq: Count
-
-
-class FollowEnvelope(Struct, kw_only=True, frozen=True):
-    """Second frame on the follow port.
-
-    Attributes:
-        run: id of the engine's run.
-        number: the record's number in the journal, where estimates are counted, too.
-        seq: counts what was sent on this port, from 1; 0 is not counted.
-    """
-
-    v: Count
-    run: str
-    number: Count
-    seq: Count = 0
-
-
-class Heartbeat(Struct, tag_field="type", tag="heartbeat", kw_only=True, frozen=True):
-    """Says that the engine is alive.
-
-    Attributes:
-        run: id of the engine's run.
-        site: name of the site.
-        wall_ns: the engine's wall clock, ns since 1970.
-        uptime_s: seconds since the run began here.
-        devices: number of devices followed.
-        seq: counts heartbeats, from 1.
-    """
-
-    v: Count
-    run: str
-    site: str
-    wall_ns: Int64
-    uptime_s: float
-    devices: Count
-    seq: Count

@@ -2,27 +2,164 @@
 
 from __future__ import annotations
 
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import msgspec
+from msgspec import Struct
 
 from tickfix.kernel import Outcome
 from tickfix.wire.errors import WireError
 from tickfix.wire.heads import check_version, decode_head
-from tickfix.wire.messages import (
-    REQUESTS,
-    VERSION,
-    Ack,
-    Envelope,
-    Error,
-    FollowEnvelope,
-    Heartbeat,
-    Reply,
-    Request,
-    Welcome,
-)
+from tickfix.wire.messages import VERSION, Count, Int64
 from tickfix.wire.raw import shown
 from tickfix.wire.refusals import decode_as
+
+
+class Welcome(Struct, tag_field="type", tag="welcome", kw_only=True, frozen=True):
+    """Answers a ``hello``.
+
+    Attributes:
+        run: id of the engine's run; a new one means that the engine began anew.
+        site: name of the site.
+        limits: what a message may hold at most, see :class:`~tickfix.wire.limits.MessageLimits`.
+    """
+
+    v: Count
+    run: str
+    site: str
+    limits: dict[str, int]
+
+
+class Ack(Struct, tag_field="type", tag="ack", kw_only=True, frozen=True):
+    """What became of a message that asked for it.
+
+    Attributes:
+        device, session, seq: the message's.
+        outcome: the intake outcome; after ``busy`` and ``throttled`` the message may be sent again.
+        detail: further words, for people.
+    """
+
+    v: Count
+    device: str
+    session: str
+    seq: Count
+    outcome: Outcome
+    detail: str = ""
+
+
+class Error(Struct, tag_field="type", tag="error", kw_only=True, frozen=True):
+    """A message that cannot be used, or a request that cannot be answered: what was found where, what is expected.
+
+    Attributes:
+        outcome: the intake outcome.
+        field: path of the field, such as ``sensors.gyroscope.values[3]``; ``message`` for the whole.
+        found: the value as it was found, shortened.
+        expected: what would be understood.
+        device, session, seq: those of the message as far as they could be read.
+    """
+
+    v: Count
+    outcome: Outcome
+    field: str
+    found: str
+    expected: str
+    device: str = ""
+    session: str = ""
+    seq: Count = 0
+
+
+class Request(Struct, tag_field="type", tag="request", kw_only=True, frozen=True):
+    """Asks something of the control port.
+
+    Attributes:
+        what: one of :data:`REQUESTS`.
+        args: arguments by name.
+    """
+
+    v: Count
+    what: str
+    args: dict[str, Any] = {}
+
+
+class Reply(Struct, tag_field="type", tag="reply", kw_only=True, frozen=True):
+    """Answers a request.
+
+    Attributes:
+        what: the request's.
+        ok: whether it was done.
+        data: the answer, or the reason in words where it was not done.
+    """
+
+    v: Count
+    what: str
+    ok: bool
+    data: Any = None
+
+
+REQUESTS: Final = (
+    "status",
+    "health",
+    "counters",
+    "devices",
+    "pipelines",
+    "plugins",
+    "configuration",
+    "drain",
+    "stop",
+    "primary",
+    "subscribe-info",
+)
+"""What the control port can be asked."""
+
+
+class Envelope(Struct, kw_only=True, frozen=True):
+    """Second frame of a publication.
+
+    Attributes:
+        run: id of the engine's run.
+        seq: counts the publications of one stream (family, device and pipeline) within the run, from 1.
+    """
+
+    v: Count
+    run: str
+    seq: Count
+
+
+class FollowEnvelope(Struct, kw_only=True, frozen=True):
+    """Second frame on the follow port.
+
+    Attributes:
+        run: id of the engine's run.
+        number: the record's number in the journal, where estimates are counted, too.
+        seq: counts what was sent on this port, from 1; 0 is not counted.
+    """
+
+    v: Count
+    run: str
+    number: Count
+    seq: Count = 0
+
+
+class Heartbeat(Struct, tag_field="type", tag="heartbeat", kw_only=True, frozen=True):
+    """Says that the engine is alive.
+
+    Attributes:
+        run: id of the engine's run.
+        site: name of the site.
+        wall_ns: the engine's wall clock, ns since 1970.
+        uptime_s: seconds since the run began here.
+        devices: number of devices followed.
+        seq: counts heartbeats, from 1.
+    """
+
+    v: Count
+    run: str
+    site: str
+    wall_ns: Int64
+    uptime_s: float
+    devices: Count
+    seq: Count
+
 
 Answer: TypeAlias = Welcome | Ack | Error | Request | Reply | Heartbeat | Envelope | FollowEnvelope
 

@@ -11,30 +11,22 @@ import inspect
 import json
 import re
 import sys
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import msgspec
 
 from tickfix.api import LATEST_NS
-from tickfix.wire import decisions, messages
+from tickfix.wire import decisions, messages, replies
 from tickfix.wire.estimates import BeliefMessage, ComponentMessage, EstimateMessage
 from tickfix.wire.messages import OLDEST_VERSION, TIME, VERSION
 
 PORTS: Final[dict[str, tuple[type[msgspec.Struct], ...]]] = {
-    "sensors, from a device": (
-        messages.Hello,
-        messages.Motion,
-        messages.Scan,
-        messages.Pressure,
-        messages.Fix,
-        messages.Truth,
-        messages.Bye,
-    ),
-    "sensors, to a device": (messages.Welcome, messages.Ack, messages.Error),
-    "positions": (messages.Envelope, EstimateMessage, messages.Heartbeat),
-    "control": (messages.Request, messages.Reply, messages.Error),
+    "sensors, from a device": get_args(messages.Message),
+    "sensors, to a device": (replies.Welcome, replies.Ack, replies.Error),
+    "positions": (replies.Envelope, EstimateMessage, replies.Heartbeat),
+    "control": (replies.Request, replies.Reply, replies.Error),
     "follow": (
-        messages.FollowEnvelope,
+        replies.FollowEnvelope,
         decisions.Fold,
         decisions.Drop,
         decisions.Run,
