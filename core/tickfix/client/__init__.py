@@ -16,7 +16,8 @@ The protocol is in ``docs/wire-protocol.md``. No class here starts a thread, and
 from tickfix.client.connection import VERSION, ClientError, Keys, ShutOutError
 from tickfix.client.control import Control, NoAnswerError, RefusedError
 from tickfix.client.listener import Listener
-from tickfix.client.sensor import OutboxFullError, Sensor
+from tickfix.client.sensor import Sensor
+from tickfix.client.session import OutboxFullError
 
 __all__ = [
     "VERSION",
