@@ -43,7 +43,11 @@ class Decided:
 
 
 class Scans:
-    """Remembers the scans that wait for a decision, and asks for those whose turn it is to be located."""
+    """Remembers the scans that wait for a decision, and asks for those whose turn it is to be located.
+
+    Attributes:
+        given_up: scans that could not be located in time.
+    """
 
     def __init__(self, locating: Locating) -> None:
         """Begin with none."""
@@ -51,6 +55,7 @@ class Scans:
         self._waiting: dict[int, tuple[Scan, Incoming | None]] = {}
         self._queues: dict[str, deque[int]] = {}
         self._in_flight: set[tuple[str, str, int]] = set()
+        self.given_up = 0
 
     def adopt(self, waiting: Mapping[int, Scan]) -> None:
         """Take over scans that wait since before this process began, by the numbers of their records."""
@@ -84,6 +89,7 @@ class Scans:
             if located.number not in self._waiting:
                 continue  # its device is gone
             number, why = located.number, located.reason
+            self.given_up += bool(why)
             found.append(self._decide(number, Drop(number=number, reason=why) if why else Fold(number=number)))
             self._next(located.device)
         return found

@@ -120,8 +120,8 @@ def test_more_scans_than_can_wait_are_put_off(rounds: Rounds) -> None:
         return Scan(transmitters=("a",), rssi_dbm=np.array([-60.0]), heard_ns=heard_ns, device="d", session="s", seq=n)
 
     for n in range(1, 400):
-        rounds.engine._take_in_safely(Incoming(scan(n), rounds._peer, False, 0))
-        rounds.engine._do_tasks()
+        rounds.engine._intake.take(Incoming(scan(n), rounds._peer, False, 0))
+        rounds.engine._tasks.do()
     assert rounds.outcomes == {"busy": 399 - 256}
 
 
