@@ -20,7 +20,9 @@ from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
 from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.errors import OverrunError, WorkerError
-from tickfix.drivers.live.serving import Order, Runnable, resumable
+from tickfix.drivers.live.order import Order
+from tickfix.drivers.live.resuming import resumable
+from tickfix.drivers.live.serving import Runnable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.supervisor import CRASHED, ENDED, OWN, supervise

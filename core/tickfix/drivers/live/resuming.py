@@ -51,6 +51,15 @@ def manifest_of(folder: Path) -> Manifest:
     return manifests[-1]
 
 
+def resumable(folder: Path) -> str:
+    """Return the id of the run that could be resumed.
+
+    Raises:
+        TickfixError: when there is none.
+    """
+    return manifest_of(folder).run
+
+
 def resume(folder: Path, replica: Folding, alive: Callable[[], None]) -> Resumed:
     """Bring a replica to where the journal's newest run stood.
 

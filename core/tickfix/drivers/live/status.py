@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
 
+import tickfix
+from tickfix.config import Config
+from tickfix.plugins import Registry
 from tickfix.ports import Clock, Hub
 
 _EVERY_NS: Final = 200_000_000
@@ -22,11 +25,49 @@ class Reporting(Protocol):
         """Return how far each device has come, ``most`` of them."""
 
 
+def about(
+    config: Config,
+    registry: Registry,
+    run: str,
+    site: str,
+    names: Sequence[str],
+    left_out: Mapping[str, str],
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    """Return what never changes of an engine.
+
+    Args:
+        run: by which listeners know it.
+        site: name of the site.
+        names: of the pipelines that run.
+        left_out: why others do not, by name.
+        notes: what an operator must know of it.
+    """
+    pipelines = []
+    for choice in config.pipelines:
+        stages = {c.offer.kind: c.offer.label for c in choice.choices}
+        state = f"left out: {left_out[choice.name]}" if choice.name in left_out else "running"
+        if choice.name in names or choice.name in left_out:
+            pipelines.append({"name": choice.name, "state": state} | stages)
+    return {
+        "run": run,
+        "site": site,
+        "version": tickfix.__version__,
+        "pipelines": pipelines,
+        "plugins": [
+            {"kind": o.kind, "name": o.name, "distribution": o.distribution, "version": o.version}
+            for o in registry.offers
+        ],
+        "configuration": config.text,
+        "notes": list(notes),
+    }
+
+
 class Status:
     """Answers the questions of the control port.
 
     Args:
-        about: what never changes: run, site, version, pipelines and their stages, plugins, configuration.
+        about: what never changes, see :func:`about`.
     """
 
     def __init__(self, about: Mapping[str, Any], clock: Clock | None = None) -> None:

@@ -21,7 +21,7 @@ from typing import Final
 from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.lifeline import die_with
-from tickfix.drivers.live.serving import Order
+from tickfix.drivers.live.order import Order
 from tickfix.drivers.live.silence import Silence
 
 _LOOK_S: Final = 0.05
