@@ -13,7 +13,8 @@ Every check is a test method whose message says what was found and what to mend.
 (:mod:`tickfix.testing.world`) is there for your own tests too.
 """
 
-from tickfix.testing.contract import AlgorithmContract, ContractError
+from tickfix.testing.calls import ContractError
+from tickfix.testing.contract import AlgorithmContract
 from tickfix.testing.filters import FilterContract
 from tickfix.testing.fingerprints import FingerprintContract
 from tickfix.testing.maps import MapContract

@@ -6,7 +6,6 @@ import dataclasses
 import re
 import typing
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import msgspec
@@ -16,19 +15,10 @@ from tickfix.api import Context, Trained, pack, unpack
 from tickfix.api.checks import check_class
 from tickfix.kernel.stages import has_nan
 from tickfix.testing import world
-from tickfix.testing.sealed import OutsideError, forbidden_names, sealed
+from tickfix.testing.calls import ContractError, pure, require, told
+from tickfix.testing.sealed import forbidden_names
 
 _QUANTITIES = re.compile(r"_(m|s|ns|ms|rad|deg|hz|dbm|db|mps|hpa|ut)$")
-
-
-class ContractError(AssertionError):
-    """A check that failed; its text says what was found and what to mend."""
-
-
-def require(condition: object, message: str) -> None:
-    """Fail with ``message`` unless ``condition`` holds."""
-    if not condition:
-        raise ContractError(message)
 
 
 class AlgorithmContract:
@@ -200,32 +190,3 @@ class StateContract(AlgorithmContract):
             f"a state grew from {early} to {late} bytes over {len(sizes)} steps. Keep what is needed, not the history"
         )
         require(late <= 1.5 * early + 256, message)
-
-
-@contextmanager
-def told(what: str) -> Iterator[None]:
-    """Say during which call something was raised."""
-    try:
-        yield
-    except ContractError:
-        raise
-    except OutsideError as error:
-        raise ContractError(
-            f"{what} called {error}. Take times from the data and numbers from the rng given"
-        ) from error
-    except ValueError as error:
-        if "read-only" in str(error):
-            raise ContractError(f"{what} writes into an array it was given. Make a copy, and change that") from error
-        raise ContractError(f"{what} raised ValueError: {error}") from error
-    except Exception as error:
-        raise ContractError(f"{what} raised {type(error).__name__}: {error}") from error
-
-
-@contextmanager
-def pure(what: str) -> Iterator[None]:
-    """As :func:`told`, in a room without clocks and dice."""
-    before = np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002 - the very thing
-    with told(what), sealed():
-        yield
-    after = np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002
-    require(before == after, f"{what} drew from numpy's global generator. Draw from the rng given")

@@ -10,7 +10,8 @@ import numpy as np
 
 from tickfix.api import Observation, Readings, Window, pack, unpack
 from tickfix.testing import world
-from tickfix.testing.contract import ContractError, StateContract, pure, require, told
+from tickfix.testing.calls import pair_of, pure, require, told
+from tickfix.testing.contract import StateContract
 
 _PLACES = [(3.0, 3.0), (10.0, 2.0), (16.5, 6.0), (4.0, 10.0), (10.0, 9.5)]
 
@@ -170,10 +171,7 @@ class FingerprintContract(StateContract):
     def _step(algorithm: Any, state: Any, window: Readings) -> tuple[Any, Observation]:
         with pure(f"step with {len(window)} readings"):
             returned = algorithm.step(state, window)
-        if not (isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], Observation)):
-            raise ContractError(f"step returned {type(returned).__name__}, expected (state, Observation)")
-        result: tuple[Any, Observation] = returned
-        return result
+        return pair_of(returned, Observation)
 
 
 def _plain(observation: Observation) -> tuple[Any, ...]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from tickfix.api import Context, Floats, Floor, frozen
 from tickfix.testing import world
-from tickfix.testing.contract import AlgorithmContract, pure, require
+from tickfix.testing.calls import pure, require
+from tickfix.testing.contract import AlgorithmContract
 from tickfix.testing.world import PlainMap
 
 _MANY = 1500

@@ -11,7 +11,8 @@ import numpy as np
 
 from tickfix.api import TICK_NS, Motion, MotionSamples, Samples, frozen, pack, unpack
 from tickfix.testing import world
-from tickfix.testing.contract import ContractError, StateContract, pure, require
+from tickfix.testing.calls import pair_of, pure, require
+from tickfix.testing.contract import StateContract
 
 _DAY_TICKS = 432_000
 
@@ -157,10 +158,7 @@ class PdrContract(StateContract):
     def _step(algorithm: Any, state: Any, samples: MotionSamples) -> tuple[Any, Motion]:
         with pure(f"step with {', '.join(samples.sensors) or 'no sensors'}"):
             returned = algorithm.step(state, samples)
-        if not (isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], Motion)):
-            raise ContractError(f"step returned {type(returned).__name__}, expected (state, Motion)")
-        result: tuple[Any, Motion] = returned
-        return result
+        return pair_of(returned, Motion)
 
 
 def _check_motion(motion: Motion, samples: MotionSamples) -> None:

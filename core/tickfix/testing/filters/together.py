@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from tickfix.api import Belief, Motion, Observation, Prior, Report, Rng, pack
 from tickfix.testing import world
-from tickfix.testing.contract import pure, require
+from tickfix.testing.calls import pure, require
 
 DEVICES: Final = 7
 
