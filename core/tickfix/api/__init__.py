@@ -4,25 +4,17 @@ A plugin is a class of one of four kinds and one hook that offers it. Start from
 halves, a stateless fingerprint …), run :mod:`tickfix.testing` on it, and choose it by name in a pipeline.
 """
 
-from tickfix.api.algorithms import (
+from tickfix.api.algorithms import Filter, FilterOfMany, Fingerprint, Pdr, Rng, Trained
+from tickfix.api.arrays import Bools, Floats, Ints, frozen
+from tickfix.api.bases import (
     BaseFilter,
     BaseFingerprint,
     BaseMap,
     BasePdr,
-    Filter,
-    FilterOfMany,
-    Fingerprint,
-    NoParams,
-    Pdr,
     PredictUpdateFilter,
-    Preset,
-    Rng,
     Stateless,
     StatelessFingerprint,
-    Trained,
-    parameter,
 )
-from tickfix.api.arrays import Bools, Floats, Ints, frozen
 from tickfix.api.errors import ConfigError, EventError, PluginError, ReaderError, SiteError, TickfixError
 from tickfix.api.events import (
     LATEST_NS,
@@ -40,6 +32,7 @@ from tickfix.api.events import (
 from tickfix.api.geometry import displacement, heading_of, wrap_rad
 from tickfix.api.hooks import API_VERSION, hookimpl
 from tickfix.api.packing import pack, unpack
+from tickfix.api.parameters import NoParams, Preset, parameter
 from tickfix.api.recordings import Reader, Recording, Sink
 from tickfix.api.site import Context, Floor, FloorMap, RadioMap, Survey, SurveyWalk
 from tickfix.api.values import (
