@@ -7,20 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from live_lab import LIGHT
 from stored_floor import Command
 
 from tickfix.site.holdout import is_held_out
 
-AB = """
-[pipelines.wifi]
-fingerprint = "wknn"
-filter      = "fixes"
-
-[pipelines.kalman]
-pdr         = "steps"
-fingerprint = "wknn"
-filter      = "kalman"
-
+AB = (
+    LIGHT
+    + """
 [pipelines.again]
 pdr         = "steps"
 fingerprint = "wknn"
@@ -32,6 +26,7 @@ fingerprint = "wknn"
 filter      = { use = "fusion-pf", particles = [20, 40] }
 map         = "walls"
 """
+)
 
 
 @pytest.fixture(scope="module")
