@@ -19,11 +19,11 @@ import numpy as np
 from toys import sabotaged, toy_pipeline
 
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Samples, Scan, Truth
-from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.crew.crew import Crew
 from tickfix.drivers.live.crew.worker import Worker
 from tickfix.drivers.live.folding import Feed, Folding, Step
 from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.watchdog.beacon import Beacon
 from tickfix.kernel import KernelSettings, Pipeline, sessions
 from tickfix.kernel.timeline import Timeline
 from tickfix.wire import encode_event

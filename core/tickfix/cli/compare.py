@@ -16,7 +16,7 @@ from tickfix.cli.replay import PipelineNames, Start, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.cli.walks import chosen_walks, warn_untrained
 from tickfix.config import Config, load
-from tickfix.drivers.live.recorded import journaled_config, journaled_site, write_walks
+from tickfix.drivers.live.runs.recorded import journaled_config, journaled_site, write_walks
 from tickfix.drivers.recordings import Progress, find
 from tickfix.drivers.surveying import read_walks
 from tickfix.evaluation.comparison.folds import SPARE, fold_grounds

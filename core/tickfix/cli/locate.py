@@ -14,7 +14,7 @@ from tickfix.cli.output import registry, stdout
 from tickfix.cli.status import own_keys
 from tickfix.cli.survey import ConfigFile
 from tickfix.config import build, load
-from tickfix.drivers.live.locate import LocatingService
+from tickfix.drivers.senders.fixes import LocatingService
 from tickfix.drivers.surveying import context_of
 from tickfix.site.folder import load as load_site
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from tickfix.cli.output import print_json, progress, registry, stdout, warn, warn_of
-from tickfix.drivers.live.repeating import Repetition, repeat_journal
+from tickfix.drivers.live.runs.repeating import Repetition, repeat_journal
 
 
 def repeat(journal: Path, site: Path | None, *, as_json: bool) -> None:

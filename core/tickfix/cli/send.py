@@ -11,9 +11,9 @@ import typer
 from tickfix.api import ConfigError, ReaderError, Recording
 from tickfix.cli.output import print_json, progress, registry, stdout, warn_of
 from tickfix.cli.status import own_keys
-from tickfix.drivers.live.sending import Sent
-from tickfix.drivers.live.sending import send as send_walks
 from tickfix.drivers.recordings import find, read_all
+from tickfix.drivers.senders.recordings import Sent
+from tickfix.drivers.senders.recordings import send as send_walks
 
 _CROWD_SEED = 3
 _SHOWN = 3

@@ -18,14 +18,14 @@ from tickfix.cli.output import registry
 from tickfix.cli.replay import PipelineNames, configured
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load
-from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.errors import OverrunError, WorkerError
 from tickfix.drivers.live.order import Order
-from tickfix.drivers.live.resuming import resumable
+from tickfix.drivers.live.runs.resuming import resumable
 from tickfix.drivers.live.serving import Runnable
 from tickfix.drivers.live.serving import serve as run_engine
 from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.supervisor import CRASHED, ENDED, OWN, supervise
+from tickfix.drivers.live.watchdog.beacon import Beacon
+from tickfix.drivers.live.watchdog.supervisor import CRASHED, ENDED, OWN, supervise
 from tickfix.journal import JournalError
 from tickfix.plugins import Registry
 from tickfix.ports import Addresses

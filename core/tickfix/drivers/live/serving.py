@@ -8,19 +8,19 @@ from typing import Protocol
 
 from tickfix.client import Keys
 from tickfix.config import build
-from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.collecting import rare_full_collections
 from tickfix.drivers.live.crew.crew import Crew
-from tickfix.drivers.live.engine import Engine
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.following import Follower, Leader
 from tickfix.drivers.live.ledger import Ledger
+from tickfix.drivers.live.loop.engine import Engine
 from tickfix.drivers.live.order import Order
 from tickfix.drivers.live.patience import patiently
-from tickfix.drivers.live.runs import last_words, names_of, open_journal, resume_as_ordered
+from tickfix.drivers.live.runs.beginning import last_words, names_of, open_journal, resume_as_ordered
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.staffing import folding_by, locating_by
 from tickfix.drivers.live.status import Reporting, Status, about
+from tickfix.drivers.live.watchdog.beacon import Beacon
 from tickfix.drivers.surveying import context_of
 from tickfix.journal import JournalWriter
 from tickfix.kernel import Pipeline

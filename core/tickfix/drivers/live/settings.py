@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from tickfix.drivers.live.beacon import WORKERS
+from tickfix.drivers.live.watchdog.beacon import WORKERS
 
 Positive = Annotated[float, Meta(gt=0)]
 

@@ -7,7 +7,7 @@ import os
 import time
 import warnings
 
-from tickfix.drivers.live.beacon import WORKERS, Beacon
+from tickfix.drivers.live.watchdog.beacon import WORKERS, Beacon
 from tickfix.kernel import Pipeline, Stage
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from tickfix import config
 from tickfix.api import Context
-from tickfix.drivers.live.beacon import WORKERS, Beacon
+from tickfix.drivers.live.watchdog.beacon import WORKERS, Beacon
 from tickfix.kernel import Pipeline, Stage
 from tickfix.plugins import discover
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tickfix.api import TICK_NS
-from tickfix.drivers.live.deadlines import ClockOffset, Deadlines
+from tickfix.drivers.live.loop.deadlines import ClockOffset, Deadlines
 
 S = 1_000_000_000
 MS = 1_000_000

@@ -12,9 +12,9 @@ import pytest
 
 from tickfix import config
 from tickfix.api import Context, Event, MotionSamples, Pressure, Samples, Scan
-from tickfix.drivers.live.engine import Engine
 from tickfix.drivers.live.ledger import Ledger
 from tickfix.drivers.live.locating import Locator
+from tickfix.drivers.live.loop.engine import Engine
 from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.kernel import KernelSettings

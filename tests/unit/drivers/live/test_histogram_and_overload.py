@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tickfix.drivers.live.histogram import Histogram
-from tickfix.drivers.live.overload import Overload
+from tickfix.drivers.live.loop.overload import Overload
 
 S = 1_000_000_000
 

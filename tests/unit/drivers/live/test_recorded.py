@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tickfix.api import Pressure
-from tickfix.drivers.live.recorded import on_own_clock, walks
+from tickfix.drivers.live.runs.recorded import on_own_clock, walks
 from tickfix.journal import Kind, Record
 from tickfix.wire import encode_event
 from tickfix.wire.decisions import Finish, encode_decision

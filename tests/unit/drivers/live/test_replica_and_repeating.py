@@ -10,8 +10,8 @@ import pytest
 
 from tickfix import config
 from tickfix.api import Context, Event, Fix, MotionSamples, Samples, Scan
-from tickfix.drivers.live.repeating import repeat
 from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.runs.repeating import repeat
 from tickfix.journal import Kind, Record
 from tickfix.kernel import KernelSettings, Outcome, Pipeline
 from tickfix.plugins import discover

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tickfix.drivers.live.silence import Silence
+from tickfix.drivers.live.watchdog.silence import Silence
 
 LINUX = Path("/proc/self/schedstat").exists()
 SPIN = """

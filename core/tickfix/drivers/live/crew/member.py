@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection, Pipe
 from typing import Final
 
 from tickfix.drivers.live.errors import WorkerError
-from tickfix.drivers.live.lifeline import die_with
+from tickfix.drivers.live.watchdog.lifeline import die_with
 
 _PATIENCE_S: Final = 2.0
 

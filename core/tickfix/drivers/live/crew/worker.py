@@ -9,7 +9,6 @@ from multiprocessing.connection import Connection
 from typing import Any, Final
 
 from tickfix.api.packing import pack
-from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.crew.messages import (
     REQUESTS,
     Apply,
@@ -29,6 +28,7 @@ from tickfix.drivers.live.crew.messages import (
 from tickfix.drivers.live.folding import Done, Feed, Step
 from tickfix.drivers.live.locating import Locator
 from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.watchdog.beacon import Beacon
 from tickfix.wire import decode_event
 from tickfix.wire.decisions import decode_decision
 

@@ -12,19 +12,19 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from tickfix.drivers.live.commands import obey
-from tickfix.drivers.live.deadlines import Deadlines
-from tickfix.drivers.live.devices import Devices
 from tickfix.drivers.live.errors import OverrunError
 from tickfix.drivers.live.folding import Folding
 from tickfix.drivers.live.histogram import Histogram
-from tickfix.drivers.live.intake import Intake
 from tickfix.drivers.live.ledger import Ledger
+from tickfix.drivers.live.loop.deadlines import Deadlines
+from tickfix.drivers.live.loop.devices import Devices
+from tickfix.drivers.live.loop.intake import Intake
+from tickfix.drivers.live.loop.overload import Overload
+from tickfix.drivers.live.loop.scans import Locating, Scans
+from tickfix.drivers.live.loop.tasks import Tasks
 from tickfix.drivers.live.outbox import Outbox
-from tickfix.drivers.live.overload import Overload
-from tickfix.drivers.live.scans import Locating, Scans
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.speaker import Speaker
-from tickfix.drivers.live.tasks import Tasks
 from tickfix.kernel import Outcome
 from tickfix.ports import Clock, Command, Hub
 from tickfix.ports.intake import Item

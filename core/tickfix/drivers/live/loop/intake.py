@@ -8,13 +8,13 @@ from typing import Final
 from tickfix.api import Event, PluginError, Scan, Truth
 from tickfix.api.errors import PortError
 from tickfix.drivers.live.contest import Contest
-from tickfix.drivers.live.devices import Devices
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.folding import Feed, Folding
 from tickfix.drivers.live.ledger import Ledger
+from tickfix.drivers.live.loop.devices import Devices
+from tickfix.drivers.live.loop.scans import Scans
+from tickfix.drivers.live.loop.tasks import Tasks
 from tickfix.drivers.live.outbox import Outbox
-from tickfix.drivers.live.scans import Scans
-from tickfix.drivers.live.tasks import Tasks
 from tickfix.journal import JournalError
 from tickfix.kernel import Outcome
 from tickfix.ports import Hub, Incoming

@@ -11,7 +11,7 @@ from tickfix.api import Estimate
 from tickfix.config import build, parse
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.replica import Replica
-from tickfix.drivers.live.resuming import apply, restore
+from tickfix.drivers.live.runs.resuming import apply, restore
 from tickfix.drivers.surveying import context_of
 from tickfix.journal import Damage, JournalReader, Kind, Manifest, Record, Segment
 from tickfix.kernel.probe import numeric_probe

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from tickfix.api import Event
 from tickfix.config import Config, parse
-from tickfix.drivers.live.resuming import manifest_of
+from tickfix.drivers.live.runs.resuming import manifest_of
 from tickfix.journal import JournalReader, Kind, Record
 from tickfix.plugins import Registry
 from tickfix.readers.event_file import SUFFIX, write_events

@@ -8,12 +8,12 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 import tickfix
-from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.folding import Folding
 from tickfix.drivers.live.order import Order
 from tickfix.drivers.live.patience import patiently
-from tickfix.drivers.live.resuming import Resumed, resume
+from tickfix.drivers.live.runs.resuming import Resumed, resume
+from tickfix.drivers.live.watchdog.beacon import Beacon
 from tickfix.journal import JournalSettings, JournalWriter, Manifest
 from tickfix.kernel.probe import numeric_probe
 from tickfix.plugins import Registry

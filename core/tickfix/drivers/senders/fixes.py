@@ -29,7 +29,7 @@ class _Device:
     newest_ns: int = 0
 
 
-class Located:
+class ScanLocator:
     """Locates scans, each with the window of those before it; keeps one state per device.
 
     Args:
@@ -79,7 +79,7 @@ class LocatingService:
         self, stage: Stage, feed: str, to: str, *, keys: Keys | None = None, tell: Callable[[str], None]
     ) -> None:
         """Connect; that nobody is there yet is no error."""
-        self._located = Located(stage)
+        self._located = ScanLocator(stage)
         self._label = stage.label
         self._to = to
         self._keys = keys

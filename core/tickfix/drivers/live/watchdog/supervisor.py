@@ -18,11 +18,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from tickfix.drivers.live.beacon import Beacon
 from tickfix.drivers.live.errors import EngineError
-from tickfix.drivers.live.lifeline import die_with
 from tickfix.drivers.live.order import Order
-from tickfix.drivers.live.silence import Silence
+from tickfix.drivers.live.watchdog.beacon import Beacon
+from tickfix.drivers.live.watchdog.lifeline import die_with
+from tickfix.drivers.live.watchdog.silence import Silence
 
 _LOOK_S: Final = 0.05
 ENDED: Final = 3

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from tickfix.api import Event, Scan, Truth
-from tickfix.drivers.live.devices import Devices
 from tickfix.drivers.live.folding import Done, Feed, Folding, Step
 from tickfix.drivers.live.ledger import Ledger
+from tickfix.drivers.live.loop.devices import Devices
+from tickfix.drivers.live.loop.scans import Decided, Scans
 from tickfix.drivers.live.outbox import Outbox
-from tickfix.drivers.live.scans import Decided, Scans
 from tickfix.drivers.live.speaker import Speaker
 from tickfix.kernel import Outcome
 from tickfix.ports import Clock, Hub, Incoming

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import islice
 from typing import Any
 
-from tickfix.drivers.live.deadlines import Deadlines
+from tickfix.drivers.live.loop.deadlines import Deadlines
 from tickfix.kernel import Standing
 
 
