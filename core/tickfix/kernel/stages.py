@@ -51,7 +51,12 @@ class Pipeline:
     @property
     def key(self) -> str:
         """Equal for pipelines that say the same under the same name."""
-        return "\n".join([self.name, *(s.key for s in (self.pdr, self.fingerprint, self.filter) if s is not None)])
+        return "\n".join([self.name, *(stage.key for stage in self.stages)])
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """Those that it has, in the order in which they are called."""
+        return tuple(stage for stage in (self.pdr, self.fingerprint, self.filter) if stage is not None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,8 +127,8 @@ def _keys(own: Path | None) -> Keys | None:
 def _allowed(pipelines: Sequence[Pipeline], disabled: Mapping[str, str]) -> tuple[tuple[Pipeline, ...], dict[str, str]]:
     left_out: dict[str, str] = {}
     for pipeline in pipelines:
-        for stage in (pipeline.pdr, pipeline.fingerprint, pipeline.filter):
-            if stage is not None and stage.key in disabled:
+        for stage in pipeline.stages:
+            if stage.key in disabled:
                 left_out[pipeline.name] = f"{stage.label} {disabled[stage.key]}"
     kept = tuple(pipeline for pipeline in pipelines if pipeline.name not in left_out)
     if not kept:

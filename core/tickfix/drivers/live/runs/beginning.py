@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import secrets
-import time
 from collections.abc import Callable
-from importlib.metadata import version
 
-import tickfix
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.folding import Folding
 from tickfix.drivers.live.order import Order
 from tickfix.drivers.live.patience import patiently
+from tickfix.drivers.live.runs.manifests import boot_of, manifest_for
 from tickfix.drivers.live.runs.resuming import Resumed, resume
 from tickfix.drivers.live.watchdog.beacon import Beacon
-from tickfix.journal import JournalSettings, JournalWriter, Manifest
-from tickfix.kernel.probe import numeric_probe
+from tickfix.journal import JournalSettings, JournalWriter
 from tickfix.plugins import Registry
 from tickfix.ports import Said
 from tickfix.wire import decode_estimate
@@ -47,7 +44,7 @@ def names_of(resumed: Resumed | None) -> tuple[str, str]:
         run = secrets.token_hex(6)
         return run, run
     run = resumed.manifest.run
-    return run, f"{run}-{_boot(resumed.manifest)}"
+    return run, f"{run}-{boot_of(resumed.manifest) + 1}"
 
 
 def open_journal(
@@ -61,7 +58,7 @@ def open_journal(
     if order.journal is None:
         return None
     folder, settings = order.journal, order.config.section("journal", JournalSettings)
-    manifest = _manifest(order, registry, run, None if resumed is None else resumed.manifest)
+    manifest = manifest_for(order, registry, run, None if resumed is None else resumed.manifest)
     first = 1 if resumed is None else resumed.next_number
     snapshot = None if resumed is None else replica.snapshot()
     return patiently(lambda: JournalWriter(folder, manifest, settings, first_number=first, snapshot=snapshot))
@@ -77,27 +74,3 @@ def last_words(resumed: Resumed, site: str, primary: str, *, everyone: bool) -> 
                 Said("estimate", site, None if belief is None else belief.floor, device, pipeline, record.payload)
             )
     return said
-
-
-def _manifest(order: Order, registry: Registry, run: str, before: Manifest | None) -> Manifest:
-    libraries = {name: version(name) for name in ("numpy", "scipy", "shapely", "pyzmq", "msgspec", "mcap")}
-    return Manifest(
-        run=run,
-        tickfix_version=tickfix.__version__,
-        config=order.config.text,
-        seed=order.config.kernel.seed,
-        probe=numeric_probe(),
-        wall_start_ns=time.time_ns() if before is None else before.wall_start_ns,
-        plugins=libraries | {offer.distribution: offer.version for offer in registry.offers if offer.distribution},
-        notes={
-            "site": str(order.site.resolve()),
-            "boot": str(_boot(before)),
-            "pipelines": ",".join(p.name for p in order.config.pipelines),
-            "disabled": "\n".join(f"{key}\t{why}" for key, why in sorted(order.disabled.items())),
-        },
-    )
-
-
-def _boot(before: Manifest | None) -> int:
-    """Return which engine of its run one is that goes on from where ``before`` was written, from 1."""
-    return 1 if before is None else int(before.notes.get("boot", "1")) + 1

@@ -8,8 +8,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from tickfix.api import Event
-from tickfix.config import Config, parse
-from tickfix.drivers.live.runs.resuming import manifest_of
+from tickfix.config import Config
+from tickfix.drivers.live.runs.manifests import config_of, manifest_of, site_of
 from tickfix.journal import JournalReader, Kind, Record
 from tickfix.plugins import Registry
 from tickfix.readers.event_file import SUFFIX, write_events
@@ -40,7 +40,7 @@ def journaled_site(journal: Path) -> Path:
     Raises:
         TickfixError: when there is no intact manifest.
     """
-    return Path(manifest_of(journal).notes["site"])
+    return site_of(manifest_of(journal))
 
 
 def journaled_config(journal: Path, registry: Registry) -> Config:
@@ -49,9 +49,7 @@ def journaled_config(journal: Path, registry: Registry) -> Config:
     Raises:
         TickfixError: when there is no intact manifest, or its configuration cannot be used here.
     """
-    manifest = manifest_of(journal)
-    config = parse(manifest.config, "the journal's configuration", registry)
-    return config.only(manifest.notes["pipelines"].split(","))
+    return config_of(manifest_of(journal), registry)
 
 
 def walks(records: Iterable[Record]) -> Iterator[tuple[str, list[Event]]]:

@@ -8,9 +8,10 @@ from hashlib import sha256
 from pathlib import Path
 
 from tickfix.api import Estimate
-from tickfix.config import build, parse
+from tickfix.config import build
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.runs.manifests import config_of, disabled_in, site_of
 from tickfix.drivers.live.runs.resuming import apply, restore
 from tickfix.drivers.surveying import context_of
 from tickfix.journal import Damage, JournalReader, Kind, Manifest, Record, Segment
@@ -158,14 +159,13 @@ def _repeat_segment(
 
 
 def _replica(manifest: Manifest, registry: Registry, place: Path | None) -> Replica:
-    config = parse(manifest.config, "the journal's configuration", registry)
-    config = config.only(manifest.notes["pipelines"].split(","))
-    site = load_site(Path(manifest.notes["site"]) if place is None else place)
-    disabled = {line.split("\t")[0] for line in manifest.notes.get("disabled", "").split("\n") if line}
+    config = config_of(manifest, registry)
+    site = load_site(site_of(manifest) if place is None else place)
+    disabled = disabled_in(manifest)
     pipelines = [
         pipeline
         for pipeline in build(config.pipelines, context_of(site), site.models)
-        if not any(s is not None and s.key in disabled for s in (pipeline.pdr, pipeline.fingerprint, pipeline.filter))
+        if not any(stage.key in disabled for stage in pipeline.stages)
     ]
     return Replica(pipelines, replace(config.kernel, seed=manifest.seed))
 

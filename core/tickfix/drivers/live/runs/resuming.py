@@ -11,6 +11,7 @@ from tickfix.api import Estimate
 from tickfix.drivers.live.errors import EngineError
 from tickfix.drivers.live.folding import Feed, Folding, Step
 from tickfix.drivers.live.replica import Replica
+from tickfix.drivers.live.runs.manifests import manifest_of
 from tickfix.journal import Damage, JournalReader, Kind, Manifest, Record, Since
 from tickfix.wire import decode_estimate, decode_event
 from tickfix.wire.decisions import decode_decision
@@ -36,19 +37,6 @@ class Resumed:
     records: int = 0
     last: dict[tuple[str, str], Record] = field(default_factory=dict)
     damage: list[Damage] = field(default_factory=list)
-
-
-def manifest_of(folder: Path) -> Manifest:
-    """Return the manifest of a journal's newest segment that has one.
-
-    Raises:
-        JournalError: when there is no journal.
-        EngineError: when no segment has an intact manifest.
-    """
-    manifests = [segment.manifest for segment in JournalReader(folder).segments() if segment.manifest is not None]
-    if not manifests:
-        raise EngineError(f"{folder}: no segment has an intact manifest, so nothing can be resumed")
-    return manifests[-1]
 
 
 def resumable(folder: Path) -> str:

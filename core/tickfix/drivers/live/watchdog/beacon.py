@@ -72,9 +72,8 @@ class Beacon:
         stages: dict[str, str] = {}
         needed: dict[str, list[str]] = {}
         for pipeline in pipelines:
-            found = [s for s in (pipeline.pdr, pipeline.fingerprint, pipeline.filter) if s is not None]
-            stages |= {stage.key: stage.label for stage in found}
-            needed[pipeline.name] = [stage.key for stage in found]
+            stages |= {stage.key: stage.label for stage in pipeline.stages}
+            needed[pipeline.name] = [stage.key for stage in pipeline.stages]
         self._places = {key: place for place, key in enumerate(stages)}
         text = json.dumps({"stages": list(stages.items()), "needed": needed}).encode()
         if _NAMES + len(text) >= _SIZE:  # absurdly many: hangs are still found, culprits are not
