@@ -14,7 +14,6 @@ from tickfix.client.connection import (
     ClientError,
     Keys,
     ShutOutError,
-    connect,
     open_socket,
     packed,
     readable,
@@ -138,9 +137,7 @@ class Control:
 
     def close(self) -> None:
         """Close the socket."""
-        if not self._socket.closed:
-            self._door.close()
-            self._socket.close()
+        self._door.close()
 
     def __enter__(self) -> Self:
         """Return the control itself."""
@@ -154,12 +151,7 @@ class Control:
 
     def _open(self) -> None:
         self._socket = open_socket(zmq.DEALER, self._keys, self._context)
-        self._door = Door(self._socket, self._keys)
-        try:
-            connect(self._socket, self._address)
-        except ClientError:
-            self._door.monitor.close()
-            raise
+        self._door = Door(self._socket, self._address, self._keys)
 
     def _wait(self, deadline_s: float) -> bool:
         """Wait for an answer; return whether there is one in time."""

@@ -7,7 +7,7 @@ from typing import Final
 import zmq
 from zmq.utils.monitor import parse_monitor_message
 
-from tickfix.client.connection import Keys, readable
+from tickfix.client.connection import ClientError, Keys, ShutOutError, connect, readable
 
 _EVENTS: Final = (
     zmq.EVENT_HANDSHAKE_SUCCEEDED
@@ -21,22 +21,29 @@ _DOUBTFUL: Final = 3
 
 
 class Door:
-    """Watches one socket, from before it connects.
+    """Connects one socket, and watches what becomes of it.
 
     Args:
-        socket: of a client.
-        keys: that it has, None for none.
+        socket: of a client, with all that has to be set before it connects.
+        address: of the engine's port.
+        keys: that the client has, None for none.
 
     Attributes:
         monitor: to be polled beside the socket; when it is readable, :meth:`look`.
+        poller: waits for a message on the socket, or for news on the monitor.
         connected: a connection stands.
         shut: why the engine does not let this client in, whatever it tries, and what to do; else empty.
         doubt: why that may be so; else empty.
     """
 
-    def __init__(self, socket: zmq.Socket[bytes], keys: Keys | None) -> None:
-        """Begin to watch."""
+    def __init__(self, socket: zmq.Socket[bytes], address: str, keys: Keys | None) -> None:
+        """Begin to watch, and connect; that nobody is there yet is no error.
+
+        Raises:
+            ClientError: for an address that cannot be.
+        """
         self._socket = socket
+        self._address = address
         self._keys = keys
         self._broken_off = 0
         self.connected = False
@@ -44,6 +51,14 @@ class Door:
         self.doubt = ""
         self.monitor = socket.get_monitor_socket(_EVENTS)
         self.monitor.linger = 0
+        self.poller = zmq.Poller()
+        self.poller.register(socket, zmq.POLLIN)
+        self.poller.register(self.monitor, zmq.POLLIN)
+        try:
+            connect(socket, address)
+        except ClientError:
+            self.monitor.close()
+            raise
 
     def look(self) -> bool:
         """Read what was noted; return whether a connection was made since."""
@@ -67,10 +82,21 @@ class Door:
                     self.doubt = "every handshake is broken off; is engine.pub the public key of this very engine?"
         return made
 
+    def check(self) -> None:
+        """Raise where the engine does not let this client in, as far as :meth:`look` has seen.
+
+        Raises:
+            ShutOutError: saying why, and what to do.
+        """
+        if self.shut:
+            raise ShutOutError(f"{self._address}: {self.shut}")
+
     def close(self) -> None:
-        """Stop watching; before the socket is closed."""
-        self._socket.disable_monitor()
-        self.monitor.close()
+        """Stop watching, and close the socket; once more does nothing."""
+        if not self._socket.closed:
+            self._socket.disable_monitor()
+            self.monitor.close()
+            self._socket.close()
 
     def _mismatch(self, value: int) -> None:
         if value != zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH:

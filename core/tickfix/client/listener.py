@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 import zmq
 
-from tickfix.client.connection import ClientError, Keys, ShutOutError, connect, open_socket, readable, unpacked
+from tickfix.client.connection import Keys, open_socket, readable, unpacked
 from tickfix.client.door import Door
 
 _HEARTBEAT: Final = b"heartbeat"
@@ -81,16 +81,7 @@ class Listener:
         self._socket.setsockopt(zmq.RCVHWM, _QUEUED)
         for prefix in (*self._prefixes, _HEARTBEAT):
             self._socket.subscribe(prefix)
-        self._address = address
-        self._door = Door(self._socket, keys)
-        self._poller = zmq.Poller()
-        self._poller.register(self._socket, zmq.POLLIN)
-        self._poller.register(self._door.monitor, zmq.POLLIN)
-        try:
-            connect(self._socket, address)
-        except ClientError:
-            self._door.monitor.close()
-            raise
+        self._door = Door(self._socket, address, keys)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Go through estimates as they come, until ``timeout_s`` passed without one."""
@@ -118,9 +109,7 @@ class Listener:
 
     def close(self) -> None:
         """Close the socket."""
-        if not self._socket.closed:
-            self._door.close()
-            self._socket.close()
+        self._door.close()
 
     def __enter__(self) -> Self:
         """Return the listener itself."""
@@ -136,10 +125,9 @@ class Listener:
         """Wait for a message, the deadline, the silence that is to be told, or news of the connection."""
         silence_s = None if self._silent else self._heard_s + self._silence_s
         ends_s = [end_s for end_s in (deadline_s, silence_s) if end_s is not None]
-        self._poller.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
+        self._door.poller.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
         self._door.look()
-        if self._door.shut:
-            raise ShutOutError(f"{self._address}: {self._door.shut}")
+        self._door.check()
 
     def _watch(self, now_s: float) -> None:
         silence_s = now_s - self._heard_s

@@ -12,7 +12,7 @@ from typing import Any, Final, Self
 
 import zmq
 
-from tickfix.client.connection import VERSION, ClientError, Keys, connect, open_socket, packed, readable, unpacked
+from tickfix.client.connection import VERSION, ClientError, Keys, open_socket, packed, readable, unpacked
 from tickfix.client.door import Door
 from tickfix.client.outbox import Outbox
 
@@ -99,15 +99,7 @@ class Session:
         self._socket = open_socket(zmq.DEALER, keys, context)
         # Nothing waits in a queue of libzmq for a connection: what waits, waits in the outbox.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
-        self.door = Door(self._socket, keys)
-        self._poller = zmq.Poller()
-        self._poller.register(self._socket, zmq.POLLIN)
-        self._poller.register(self.door.monitor, zmq.POLLIN)
-        try:
-            connect(self._socket, address)
-        except ClientError:
-            self.door.monitor.close()
-            raise
+        self.door = Door(self._socket, address, keys)
 
     @property
     def unacknowledged(self) -> int:
@@ -169,13 +161,11 @@ class Session:
                 return due_s is None
             # Due already and yet not sent: the socket does not take it, and only a look from time to time tells.
             wake_s = due_s if due_s > now_s else now_s + 0.05
-            self._poller.poll(int(1000.0 * (min(wake_s, deadline_s) - now_s)) + 1)
+            self.door.poller.poll(int(1000.0 * (min(wake_s, deadline_s) - now_s)) + 1)
 
     def close(self) -> int:
         """Close at once; return the number of messages whose fate stays unknown. :meth:`flush` first to have none."""
-        if not self._socket.closed:
-            self.door.close()
-            self._socket.close()
+        self.door.close()
         return len(self._outbox)
 
     def __enter__(self) -> Self:

@@ -12,7 +12,7 @@ from typing import Final
 import zmq
 
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Recording, Scan, Truth
-from tickfix.client import Keys, Sensor, ShutOutError
+from tickfix.client import Keys, Sensor
 
 _PATIENCE_S: Final = 60.0
 _LULL_S: Final = 0.02
@@ -83,9 +83,9 @@ def send(
     try:
         for device, sensor in sensors.items():
             sensor.hello(_rates(walks[device].events), clock="recording")
-        _play(events, sensors, address, sent, speed, progress, clock, sleep)
+        _play(events, sensors, sent, speed, progress, clock, sleep)
         for sensor in sensors.values():
-            _finish(sensor, address, clock, stay=stay)
+            _finish(sensor, clock, stay=stay)
     finally:
         for sensor in sensors.values():
             sent.doubt = sent.doubt or sensor.door.doubt
@@ -99,7 +99,6 @@ def send(
 def _play(
     events: Mapping[str, list[Event]],
     sensors: Mapping[str, Sensor],
-    address: str,
     sent: Sent,
     speed: float,
     progress: Callable[[str, int, int], None],
@@ -126,7 +125,7 @@ def _play(
         sensor, queue = sensors[device], events[device]
         while sensor.unacknowledged > _WINDOW:
             sensor.flush(0.05)
-            _check(sensor, address)
+            sensor.door.check()
         _send(sensor, queue[n])
         sent.messages += 1
         progress("sending", sent.messages, total)
@@ -134,18 +133,13 @@ def _play(
             heapq.heappush(turns, ((queue[n + 1].arrival_ns - first[device]) * pace, device, n + 1))
 
 
-def _finish(sensor: Sensor, address: str, clock: Callable[[], float], *, stay: bool) -> None:
+def _finish(sensor: Sensor, clock: Callable[[], float], *, stay: bool) -> None:
     """Wait until all was acknowledged, and say goodbye; give up when nothing was acknowledged for a long time."""
     until_s, waiting = clock() + _PATIENCE_S, sensor.unacknowledged
     while not (sensor.flush(_LOOK_S) if stay else sensor.bye(_LOOK_S)) and clock() < until_s:
-        _check(sensor, address)
+        sensor.door.check()
         if sensor.unacknowledged != waiting:
             until_s, waiting = clock() + _PATIENCE_S, sensor.unacknowledged
-
-
-def _check(sensor: Sensor, address: str) -> None:
-    if sensor.door.shut:
-        raise ShutOutError(f"{address}: {sensor.door.shut}")
 
 
 def _in_order(events: Sequence[Event], *, truth: bool) -> list[Event]:
