@@ -13,7 +13,8 @@ from lab import EFFORT, track_digest
 from toys import toy_pipeline
 
 from tickfix.api import Event, MotionSamples, Readings, Samples, Scan, Window
-from tickfix.drivers.live.locating import Located, Locator, remembering
+from tickfix.drivers.live.locating import Located, Locator
+from tickfix.drivers.live.remembering import remembering
 from tickfix.kernel import Kernel, KernelSettings
 
 MS = 1_000_000

@@ -9,8 +9,9 @@ from tickfix.drivers.live.collecting import rare_full_collections
 from tickfix.drivers.live.crew.crew import Crew
 from tickfix.drivers.live.crew.worker import Worker
 from tickfix.drivers.live.folding import Folding
-from tickfix.drivers.live.locating import Locator, remembering
+from tickfix.drivers.live.locating import Locator
 from tickfix.drivers.live.loop.scans import Locating
+from tickfix.drivers.live.remembering import remembering
 from tickfix.drivers.live.replica import Replica
 from tickfix.drivers.live.settings import LiveSettings
 from tickfix.drivers.live.watchdog.beacon import Beacon
