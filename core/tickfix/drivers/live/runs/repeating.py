@@ -19,6 +19,7 @@ from tickfix.kernel.probe import numeric_probe
 from tickfix.plugins import Registry
 from tickfix.site.folder import load as load_site
 from tickfix.wire import decode_estimate, encode_estimate
+from tickfix.wire.raw import FIELDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,14 +172,12 @@ def _replica(manifest: Manifest, registry: Registry, place: Path | None) -> Repl
 
 
 def _difference(record: Record, repeated: Estimate | None) -> Difference | None:
-    if repeated is not None and encode_estimate(repeated) == record.payload:
+    body = b"" if repeated is None else encode_estimate(repeated)
+    if body == record.payload:
         return None
     journaled = decode_estimate(record.payload)
     if repeated is None:
         return Difference(record.number, journaled, None, ())
-    names = tuple(
-        name
-        for name in Estimate.__dataclass_fields__
-        if repr(getattr(journaled, name)) != repr(getattr(repeated, name))
-    )
+    one, other = FIELDS.decode(record.payload), FIELDS.decode(body)
+    names = tuple(name for name in Estimate.__dataclass_fields__ if bytes(one.get(name, b"")) != bytes(other[name]))
     return Difference(record.number, journaled, repeated, names or ("bytes",))
