@@ -35,7 +35,7 @@ from stored_floor import Command
 
 from tickfix.client import Listener, Sensor
 from tickfix.journal import JournalReader, Kind
-from tickfix.wire.decisions import Fold, decode_decision
+from tickfix.wire.decisions import Finish, Fold, decode_decision
 
 SEED = 7
 KILLS = int(os.environ.get("TICKFIX_KILLS", "3"))
@@ -331,6 +331,24 @@ def test_an_engine_that_follows_says_the_same_and_may_die_unnoticed(
     # What the probe said before it was heard is not the follower's.
     same_in_the_end(lab.place / "leader", lab.place / "second", beyond=False, but=("probe",))
     repeats(tickfix, lab.place / "second")
+
+
+def test_an_engine_that_follows_settles_what_it_has_when_it_is_drained(lab: Lab, tickfix: Command) -> None:
+    leader = lab.serve(LIGHT, "--journal", lab.place / "leader")
+    second = lab.serve(LIGHT, "--journal", lab.place / "second", "--follow", leader.at["follow"])
+    _until_followed(lab, leader, (second,))
+    with Sensor(leader.at["sensors"], "phone") as phone, second.control() as control:
+        phone.pressure(10_000_000_000, 1000.0)
+        phone.flush(1.0)
+        until(lambda: control.devices() and control.devices()[-1]["device"] == "phone")
+        assert control.drain()
+    assert second.popen.wait(PATIENCE_S) == 0
+    records = JournalReader(lab.place / "second").records()
+    decisions = [decode_decision(record.payload) for record in records if record.kind is Kind.DECISION]
+    assert Finish(device="phone", reason="drained") in decisions
+    repeats(tickfix, lab.place / "second")
+    with leader.control() as control:
+        assert [one["device"] for one in control.devices()] == ["phone"]
 
 
 def _until_followed(lab: Lab, leader: Process, followers: tuple[Process, ...]) -> None:

@@ -138,7 +138,7 @@ class Follower:
         ready = self._socket.poll(_IDLE_MS)
         begun_ns = self._clock.monotonic_ns()
         for item in self._hub.take(0.0):
-            stops = obey(item, self._hub, self._replica, self._ledger, self._names, lambda: None)
+            stops = obey(item, self._hub, self._replica, self._ledger, self._names, self._drain)
             self._stopping = self._stopping or stops
         taken = 0
         with suppress(zmq.Again):
@@ -213,4 +213,13 @@ class Follower:
                 self._speaker.say(done.said, now_ns)
             if isinstance(step, Finish):
                 self._speaker.contest.finish(device)
+            if isinstance(step, Run | Finish) and done.standing is None:
                 self._hub.forget(device)
+
+    def _drain(self) -> None:
+        """Settle all that was followed; what the first engine goes on to say is not for this one any more."""
+        now_ns = self._clock.monotonic_ns()
+        self._do_steps(now_ns)
+        self._steps = [(Finish(device=each, reason="drained"), each) for each in self._replica.standings()]
+        self._do_steps(now_ns)
+        self._stopping = True
