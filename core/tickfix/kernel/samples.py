@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from operator import lt
 from typing import Final
 
 import numpy as np
@@ -21,9 +22,9 @@ def tick_of(t_ns: int) -> int:
     return -(-t_ns // TICK_NS)
 
 
-def is_increasing(t_ns: Ints) -> bool:
+def is_increasing(times: list[int]) -> bool:
     """Tell whether every time is later than the one before."""
-    return bool((t_ns[1:] > t_ns[:-1]).all())
+    return all(map(lt, times, times[1:]))
 
 
 def by_tick(times: list[int]) -> Iterator[tuple[int, int, int]]:
@@ -73,13 +74,13 @@ class TickSamples:
             t_ns: (n,), none negative; kept.
             rows: (n, c), finite, without negative zeros; kept.
         """
-        if self._loose is None and t_ns[0] > self._last_ns:
+        if self._loose is None and t_ns.item(0) > self._last_ns:
             room = max(0, _MOST - self._n)
             self.crowded += max(0, len(t_ns) - room)
             if room:
                 self._pieces.append((t_ns[:room], rows[:room]))
                 self._n += len(self._pieces[-1][0])
-            self._last_ns = int(t_ns[-1])
+            self._last_ns = t_ns.item(-1)
             return len(t_ns), room > 0
         found = [self.put(t, row) for t, row in zip(t_ns.tolist(), rows_of(rows), strict=True)]
         return sum(new for new, _ in found), any(changed for _, changed in found)
@@ -111,8 +112,10 @@ class TickSamples:
         if len(self._pieces) == 1:
             t_ns, values = self._pieces[0]
         else:
-            t_ns, values = (np.concatenate(arrays) for arrays in zip(*self._pieces, strict=True))
-        t_ns.flags.writeable = values.flags.writeable = False  # nobody else has them: not copied again
+            t_ns = np.concatenate([times for times, _ in self._pieces])
+            values = np.concatenate([rows for _, rows in self._pieces])
+        t_ns.setflags(write=False)  # nobody else has them: not copied again
+        values.setflags(write=False)
         return _known_to_fit(t_ns, values)
 
     def _mapped(self) -> dict[int, Row]:

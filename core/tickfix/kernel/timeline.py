@@ -220,11 +220,12 @@ class Timeline:
         self._clock.restore(kept.clock)
         self._scans = RecentScans(kept.scans)
         for stream in kept.streams:
-            if is_increasing(stream.t_ns):
-                for tick, begin, end in by_tick(stream.t_ns.tolist()):
+            times = stream.t_ns.tolist()
+            if is_increasing(times):
+                for tick, begin, end in by_tick(times):
                     self._samples(tick, stream.stream).extend(stream.t_ns[begin:end], stream.rows[begin:end])
                 continue
-            for t_ns, row in zip(stream.t_ns.tolist(), rows_of(stream.rows), strict=True):
+            for t_ns, row in zip(times, rows_of(stream.rows), strict=True):
                 self._samples(tick_of(t_ns), stream.stream).put(t_ns, row)
         for fix in kept.fixes:
             self._interval(tick_of(fix.t_ns)).fixes.append(fix)
@@ -269,28 +270,22 @@ class Timeline:
         reach_ns, limit_ns = self._clock.reach_ns, self._limit_ns
         if reach_ns is None or limit_ns is None or self._clock.holds:
             return False
-        ordered = [is_increasing(samples.t_ns) for samples in batch.sensors.values()]
-        for samples, in_order in zip(batch.sensors.values(), ordered, strict=True):
-            t_ns = samples.t_ns
-            if len(t_ns) == 0:
-                continue
-            oldest_ns, newest_ns = (t_ns[0], t_ns[-1]) if in_order else (t_ns.min(), t_ns.max())
-            if oldest_ns < max(limit_ns, 0) or newest_ns > min(reach_ns, LATEST_NS):
+        oldest_ns, newest_ns = max(limit_ns, 0), min(reach_ns, LATEST_NS)
+        found = [(name, samples.t_ns.tolist(), samples) for name, samples in batch.sensors.items() if len(samples)]
+        for _, times, samples in found:
+            if min(times) < oldest_ns or max(times) > newest_ns or not np.isfinite(samples.values).all():
                 return False
-            if not np.isfinite(samples.values).all():
-                return False
-        for (name, samples), in_order in zip(batch.sensors.items(), ordered, strict=True):
-            if in_order:
+        for name, times, samples in found:
+            if is_increasing(times):
                 # Copies: those of the message go with it, and there are no negative zeros, see rows_of.
-                self._insert_ordered(name, samples.t_ns.copy(), samples.values + 0.0)
+                self._insert_ordered(name, times, samples.t_ns.copy(), samples.values + 0.0)
             else:
-                for t_ns, row in zip(samples.t_ns.tolist(), rows_of(samples.values), strict=True):
+                for t_ns, row in zip(times, rows_of(samples.values), strict=True):
                     self._insert(Item(t_ns, name, row))
         return True
 
-    def _insert_ordered(self, stream: str, t_ns: Ints, rows: Floats) -> None:
-        """Insert samples of one sensor in increasing time, as inserting one by one would."""
-        times = t_ns.tolist()
+    def _insert_ordered(self, stream: str, times: list[int], t_ns: Ints, rows: Floats) -> None:
+        """Insert samples of one sensor in increasing time, as inserting one by one would; ``times`` are ``t_ns``."""
         for tick, begin, end in by_tick(times):
             samples = self._samples(tick, stream)
             n_new, changed = samples.extend(t_ns[begin:end], rows[begin:end])
@@ -299,8 +294,7 @@ class Timeline:
             if changed and (self.changes.motion is None or tick < self.changes.motion):
                 self.changes.motion = tick
             self._count(n_new, end - begin, tick)
-        if times:
-            self._counts["dropped"] += self._clock.follow(times[-1], stream)
+        self._counts["dropped"] += self._clock.follow(times[-1], stream)
 
     def _count(self, n_new: int, n: int, tick: int) -> None:
         """Count ``n`` measurements of a tick, so many of which were new, and take note of the tick."""
