@@ -258,16 +258,18 @@ def _check_gaussian(gaussian: Belief | Component) -> None:
 def has_nan(state: Any) -> bool:
     """Tell whether an array or number within ``state`` is NaN."""
     todo = [state]
-    while todo:
-        value = todo.pop()
+    for value in todo:  # which grows meanwhile
         kind = value.__class__
+        if kind in _NO_NUMBERS:
+            continue
         if kind is tuple:
             todo += value
         elif isinstance(value, float):
             if value != value:  # noqa: PLR0124 - only NaN differs from itself
                 return True
         elif isinstance(value, np.ndarray):
-            if value.dtype.kind == "f" and np.isnan(value).any():
+            # A sum of squares is NaN where one of them is, and nowhere else: infinities only add up.
+            if value.dtype.kind == "f" and math.isnan(np.vdot(value, value)):
                 return True
         elif (within := values_within(kind)) is not None:
             todo += within(value)
@@ -276,6 +278,7 @@ def has_nan(state: Any) -> bool:
     return False
 
 
+_NO_NUMBERS: Final = frozenset({int, str, bool, bytes, type(None)})
 _REASONS: Final = 64
 _REASONS_CHARS: Final = 4_096
 _COMPONENTS: Final = 1_024
