@@ -91,7 +91,7 @@ class Device:
         At most ``most`` ticks are closed, where that is told.
         """
         due = max((k for k in (self._epoch.timeline.passed, tick) if k is not None), default=None)
-        next_tick = self.standing.next_tick
+        next_tick = self._next_tick
         if due is not None and next_tick is not None:
             due = max(due, next_tick - 1)
             due = due if most is None else min(due, next_tick - 1 + most)
@@ -112,9 +112,8 @@ class Device:
     @property
     def standing(self) -> Standing:
         """How far it has come."""
-        epoch = self._epoch
-        next_tick = epoch.timeline.first if epoch.published is None else epoch.published + 1
-        return Standing(self._number, epoch.timeline.newest_ns, next_tick, epoch.timeline.passed)
+        timeline = self._epoch.timeline
+        return Standing(self._number, timeline.newest_ns, self._next_tick, timeline.passed)
 
     @property
     def reached(self) -> tuple[int, int | None]:
@@ -138,6 +137,11 @@ class Device:
         if kept.number:
             self._epoch = self._begin(None)
         self._epoch.restore(kept.epoch)
+
+    @property
+    def _next_tick(self) -> int | None:
+        epoch = self._epoch
+        return epoch.timeline.first if epoch.published is None else epoch.published + 1
 
     def _begin(self, known: Fix | None) -> Epoch:
         return Epoch(

@@ -241,13 +241,14 @@ class Epoch:
                 output.observations += [(key, observation) for observation in observed.outputs[k].observations]
         self._settled = tick
         # No fold forgets what another one's oldest checkpoint needs to go on from: a snapshot keeps nothing else.
-        again = min(fold.again(tick + 1) for fold in self._folds())
-        again = min(fold.forget(again) for fold in self._folds())
-        for fold in self._folds():
+        folds = self._folds()
+        again = min([fold.again(tick + 1) for fold in folds])
+        again = min([fold.forget(again) for fold in folds])
+        for fold in folds:
             fold.drop_outputs(min(again, tick + 1))
         self.timeline.forget(again)
-        for k in [k for k in self._revisions if k <= tick]:
-            del self._revisions[k]
+        for k in range(start, tick + 1):
+            self._revisions.pop(k, None)
 
 
 def _restore(fold: Fold[S, O], kept: FoldSnapshot | None, restored: Callable[[FoldSnapshot], S], oldest: int) -> None:

@@ -35,7 +35,9 @@ class Sessions:
         sessions = self._numbers.setdefault(event.device, {})
         if event.seq <= 0:
             return True, None
-        numbers = sessions.setdefault(event.session, Sequence())
+        numbers = sessions.get(event.session)
+        if numbers is None:
+            numbers = sessions[event.session] = Sequence()
         if len(sessions) > _SESSIONS:
             del sessions[next(iter(sessions))]
         return numbers.is_new(event.seq), numbers

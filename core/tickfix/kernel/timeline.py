@@ -150,7 +150,8 @@ class Timeline:
         now_ns = self._clock.latest_ns
         if now_ns is None:
             return None
-        active = (t for stream, t in self._clock.last_ns.items() if stream in _MOTION and t >= now_ns - _ACTIVE_NS)
+        since_ns = now_ns - _ACTIVE_NS
+        active = [t for stream, t in self._clock.last_ns.items() if t >= since_ns and stream in _MOTION]
         return min(active, default=now_ns) // TICK_NS
 
     def close(self, tick: int) -> None:
@@ -188,9 +189,11 @@ class Timeline:
 
     def forget(self, tick: int) -> None:
         """Drop what no tick from ``tick`` on can need."""
-        self._since = tick
-        for old in [k for k in self._intervals if k < tick]:
-            del self._intervals[old]
+        # What was forgotten before lies beyond the horizon, and nothing comes there any more.
+        since, self._since = self._since, tick
+        for old in list(self._intervals) if since is None else range(since, tick):
+            if old < tick:
+                self._intervals.pop(old, None)
         self._scans.forget_before((tick - 1) * TICK_NS)
 
     def snapshot(self) -> TimelineSnapshot:
