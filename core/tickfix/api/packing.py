@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
@@ -48,7 +48,8 @@ def unpack(data: bytes, like: type[T]) -> T:
     Raises:
         ValueError: when the bytes are no such value.
     """
-    known = _dataclasses_within(like)
+    expected: Any = like  # a type, for the cache: of type[T] mypy does not know that it can be hashed
+    known = _dataclasses_within(expected)
 
     def build(code: int, body: bytes) -> Any:
         if code == _ARRAY:
@@ -121,7 +122,8 @@ def _reduce(value: Any) -> Any:
     raise TypeError(f"states hold arrays, numbers, strings, tuples and dataclasses, found {type(value).__name__}")
 
 
-def _dataclasses_within(root: Any) -> dict[str, type[Any]]:
+@lru_cache(maxsize=256)
+def _dataclasses_within(root: Any) -> Mapping[str, type[Any]]:
     found: dict[str, type[Any]] = {}
     todo = [root]
     while todo:

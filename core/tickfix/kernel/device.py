@@ -131,12 +131,12 @@ class Device:
             raise RuntimeError(f"{self._device}: a snapshot was asked for while estimates wait to be said")
         return DeviceSnapshot(self._device, self._number, self._epoch.snapshot())
 
-    def restore(self, kept: DeviceSnapshot) -> None:
+    def restore(self, kept: DeviceSnapshot) -> Asking[None]:
         """Become what ``kept`` says."""
         self._number = kept.number
         if kept.number:
             self._epoch = self._begin(None)
-        self._epoch.restore(kept.epoch)
+        yield from self._epoch.restore(kept.epoch)
 
     @property
     def _next_tick(self) -> int | None:

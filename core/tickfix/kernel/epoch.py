@@ -17,7 +17,7 @@ from tickfix.kernel.samples import tick_of
 from tickfix.kernel.snapshot import EpochSnapshot, FoldSnapshot
 from tickfix.kernel.stages import Caller, Pipeline
 from tickfix.kernel.timeline import Timeline
-from tickfix.kernel.together import Asking, alone
+from tickfix.kernel.together import Asking
 from tickfix.kernel.tracker import Carried, Tracker, external, revised
 
 S = TypeVar("S")
@@ -157,7 +157,7 @@ class Epoch:
             folds=tuple(fold for fold in folds if fold is not None),
         )
 
-    def restore(self, kept: EpochSnapshot) -> None:
+    def restore(self, kept: EpochSnapshot) -> Asking[None]:
         """Become what ``kept`` says; a stage that it does not know begins with the oldest tick that is known."""
         self.timeline.restore(kept.timeline)
         self._began, self._published, self._settled = kept.began, kept.published, kept.settled
@@ -172,7 +172,7 @@ class Epoch:
             _restore(self._observations[key], known.get(key), observing.restored, oldest)
         for name, tracker in self._tracking.items():
             _restore(self._beliefs[name], known.get(tracker.key), tracker.restored, oldest)
-        alone(self._fold(kept.published), self._call)
+        yield from self._fold(kept.published)
 
     def _folds(self) -> list[Fold[object, Moved] | Fold[Sighted, Observed] | Fold[Carried, Estimate]]:
         return [*self._motion.values(), *self._observations.values(), *self._beliefs.values()]

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Final
 
 from tickfix.api.errors import PluginError
 from tickfix.api.events import Event, Fix, Scan, Truth
@@ -43,6 +44,8 @@ class KernelSettings:
     repack: bool = False
 
 
+_RESTORED: Final = 32
+"""Devices restored side by side: of more, what one step needs does not stay in the processor's cache until the next."""
 LOST = "device lost"
 """Stands in the place of a stage where the kernel itself breaks on a device."""
 
@@ -169,6 +172,8 @@ class Kernel:
     def restore(self, kept: KernelSnapshot) -> None:
         """Become what ``kept`` says; pipelines may be others than then, those that are new begin where they can.
 
+        Devices are folded again side by side, as :meth:`run_many` does.
+
         Raises:
             ValueError: when seed or horizon are others than then: what follows would be too.
         """
@@ -176,9 +181,14 @@ class Kernel:
             then, now = getattr(kept, name), getattr(self._settings, name)
             if then != now:
                 raise ValueError(f"{name}: found {now}, the snapshot was taken with {then}")
-        for found in kept.devices:
-            self._devices[found.device] = self._begin(found.device, found.number)
-            self._devices[found.device].restore(found)
+        for begin in range(0, len(kept.devices), _RESTORED):
+            works = []
+            for found in kept.devices[begin : begin + _RESTORED]:
+                device = self._devices[found.device] = self._begin(found.device, found.number)
+                works.append(device.restore(found))
+            for done in together(works, self._call):
+                if isinstance(done, Exception):
+                    raise done
         self._sessions.restore(kept.sessions, kept.retired)
         for counter, counts in (
             (self.intake, kept.intake),

@@ -21,7 +21,7 @@ from tickfix.api import (
     Rng,
     Status,
 )
-from tickfix.kernel import Kernel, KernelSettings, Pipeline, Stage
+from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Pipeline, Stage
 
 T0 = 50 * TICK_NS
 DEVICES = ("a", "b", "c")
@@ -141,3 +141,24 @@ def test_a_device_that_is_not_followed_says_nothing_beside_others() -> None:
     outputs = kernel.run_many([("nobody", 100), ("a", T0 // TICK_NS + 1)])
     assert not outputs[0].published
     assert len(outputs[1].published) == 1
+
+
+def test_devices_are_restored_side_by_side_and_go_on_as_they_would_have() -> None:
+    kernel = begun(kernel_of(Counter()))
+    ticks(kernel, 4)
+    counter = Counter()
+    restored = kernel_of(counter)
+    restored.restore(KernelSnapshot.unpacked(kernel.snapshot().packed()))
+    assert counter.batches == [3, 3, 3, 3]
+    assert counter.singles == 0
+    said, expected = ticks(restored, 6), ticks(kernel, 6)
+    for device in DEVICES:
+        assert len(said[device]) == 2
+        assert [e.belief.xy.tolist() for e in said[device]] == [e.belief.xy.tolist() for e in expected[device]]
+
+
+def test_what_breaks_when_a_device_is_restored_is_told() -> None:
+    kernel = begun(kernel_of(Counter()))
+    ticks(kernel, 4)
+    with pytest.raises(PluginError, match="RuntimeError: not this one"):
+        kernel_of(Counter(batch="raises", one="raises"), strict=True).restore(kernel.snapshot())
