@@ -109,11 +109,11 @@ class TickSamples:
         if self._loose is not None:
             ordered = sorted(self._loose.items())[:_MOST]
             return Samples(np.array([t for t, _ in ordered], np.int64), np.array([row for _, row in ordered]))
-        if len(self._pieces) == 1:
-            t_ns, values = self._pieces[0]
-        else:
+        if len(self._pieces) > 1:
+            # One piece from now on, for whoever asks next.
             t_ns = np.concatenate([times for times, _ in self._pieces])
-            values = np.concatenate([rows for _, rows in self._pieces])
+            self._pieces = [(t_ns, np.concatenate([rows for _, rows in self._pieces]))]
+        t_ns, values = self._pieces[0]
         t_ns.setflags(write=False)  # nobody else has them: not copied again
         values.setflags(write=False)
         return _known_to_fit(t_ns, values)
