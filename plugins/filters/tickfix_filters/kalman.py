@@ -61,30 +61,51 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
 
     def predict(self, state: Gaussian, motion: Motion, rng: Rng) -> Gaussian:  # noqa: ARG002
         """Walk the motion; [sun2013] eqs. (9) and (16)."""
-        m, p = np.array(state.m), np.array(state.p)
+        x, y, b, s, u, v = state.m.tolist()
+        p = state.p
         if not state.walked:
+            p = np.array(p)
             p[2, 2], p[3, 3] = motion.heading_bias_sigma_rad**2, motion.distance_scale_sigma**2
         dt = (motion.t1_ns - motion.t0_ns) * 1e-9
-        d = motion.distance_m * (1.0 + m[3])
+        d = motion.distance_m * (1.0 + s)
         rho = math.exp(-dt / self.params.correlation_s)
-        f, q = np.diag([1.0, 1.0, 1.0, 1.0, rho, rho]), np.zeros((6, 6))
-        q[[0, 1], [0, 1]] = self.params.diffusion_m**2 * dt
-        q[2, 2] = motion.turn_bias_sigma_rad**2
-        q[[4, 5], [4, 5]] = (1.0 - rho**2) * self.params.remembered
-        heading = None
+        sin = cos = 0.0
+        q_xx = q_yy = self.params.diffusion_m**2 * dt
+        q_xy, heading = 0.0, None
         if motion.heading_rad is None:  # somewhere on a circle of radius d: mean zero, d²/2 per axis
-            q[[0, 1], [0, 1]] += 0.5 * (d**2 + motion.distance_sigma_m**2)
+            q_xx += 0.5 * (d**2 + motion.distance_sigma_m**2)
+            q_yy = q_xx
         else:
-            heading = motion.heading_rad + float(m[2])
-            along = np.array([math.sin(heading), math.cos(heading)])
-            across = np.array([along[1], -along[0]])
-            f[:2, 2], f[:2, 3] = d * across, motion.distance_m * along
-            q[:2, :2] += motion.distance_sigma_m**2 * np.outer(along, along)
-            q[:2, :2] += (d * motion.heading_sigma_rad) ** 2 * np.outer(across, across)
-            m[:2] += d * along
-        m[4:] *= rho
+            heading = motion.heading_rad + b
+            sin, cos = math.sin(heading), math.cos(heading)
+            along, across = motion.distance_sigma_m**2, (d * motion.heading_sigma_rad) ** 2
+            q_xx = q_xx + along * (sin * sin) + across * (cos * cos)
+            q_xy = along * (sin * cos) - across * (sin * cos)
+            q_yy = q_yy + along * (cos * cos) + across * (sin * sin)
+        q_bb, q_uu = motion.turn_bias_sigma_rad**2, (1.0 - rho**2) * self.params.remembered
+        f = np.array(
+            [
+                [1.0, 0.0, d * cos, motion.distance_m * sin, 0.0, 0.0],
+                [0.0, 1.0, -d * sin, motion.distance_m * cos, 0.0, 0.0],
+                [0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 0.0, rho, 0.0],
+                [0.0, 0.0, 0.0, 0.0, 0.0, rho],
+            ]
+        )
+        q = np.array(
+            [
+                [q_xx, q_xy, 0.0, 0.0, 0.0, 0.0],
+                [q_xy, q_yy, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 0.0, q_bb, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 0.0, q_uu, 0.0],
+                [0.0, 0.0, 0.0, 0.0, 0.0, q_uu],
+            ]
+        )
+        m = frozen([x + d * sin, y + d * cos, b, s, rho * u, rho * v])
         p = f @ p @ f.T + q  # eq. (16)
-        return replace(state, m=frozen(m), p=_symmetric(p), heading_rad=heading, speed_mps=d / dt, walked=True)
+        return replace(state, m=m, p=_symmetric(p), heading_rad=heading, speed_mps=d / dt, walked=True)
 
     def update(self, state: Gaussian, fix: Fix, rng: Rng) -> tuple[Gaussian, Report]:
         """Correct by the fix; [sun2013] eqs. (10), (11) and (17)."""
@@ -94,8 +115,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
         if fix.floor != on.floor:
             return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
         sigma, nu = sigma_m(fix), self.params.freedom
-        h = np.zeros((2, 6))
-        h[[0, 1], [0, 1]], h[[0, 1], [4, 5]] = 1.0, sigma
+        h = np.array([[1.0, 0.0, 0.0, 0.0, sigma, 0.0], [0.0, 1.0, 0.0, 0.0, 0.0, sigma]])
         r = (1.0 - self.params.remembered) * sigma**2 * np.eye(2)
         y = fix.xy - h @ state.m
         s = h @ state.p @ h.T + r
