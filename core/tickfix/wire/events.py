@@ -23,7 +23,7 @@ from tickfix.wire.errors import WireError
 from tickfix.wire.messages import VERSION, EventMessage, Message
 from tickfix.wire.raw import shown
 
-_ENCODER: Final = msgspec.msgpack.Encoder()
+_ENCODER: Final = msgspec.msgpack.Encoder(order="deterministic")  # keys sorted
 _LITTLE: Final = sys.byteorder == "little"
 _FIELDS: Final = {name: (f"sensors.{name}.t_ns", f"sensors.{name}.values") for name in SENSORS}
 
@@ -194,7 +194,7 @@ def _fields(event: Event) -> dict[str, Any]:
         case MotionSamples():
             sensors = {
                 name: {"t_ns": to_bin(samples.t_ns), "values": to_bin(samples.values)}
-                for name, samples in sorted(event.sensors.items())
+                for name, samples in event.sensors.items()
             }
             return fields | {"type": "motion", "sensors": sensors}
         case api.Scan():
@@ -212,7 +212,7 @@ def _fields(event: Event) -> dict[str, Any]:
 
 def _encode(fields: dict[str, Any]) -> bytes:
     try:
-        return _ENCODER.encode(dict(sorted(fields.items())))
+        return _ENCODER.encode(fields)
     except UnicodeEncodeError as error:
         raise WireError("event", f"text {shown(error.object)}", "Unicode text without lone surrogates") from None
     except OverflowError as error:
