@@ -15,9 +15,8 @@ _FLOAT64: Final = np.dtype("<f8")
 
 def to_bin(array: Floats | Ints) -> bytes:
     """Return the elements of a float64 or int64 array in row-major order, little-endian, bit for bit."""
-    if array.dtype.kind == "i":
-        return array.astype(_INT64, copy=False).tobytes()
-    return array.astype(_FLOAT64, copy=False).tobytes()
+    wanted = _INT64 if array.dtype.kind == "i" else _FLOAT64
+    return array.tobytes() if array.dtype is wanted else array.astype(wanted).tobytes()
 
 
 def times(field: str, value: bytes | list[int]) -> Ints:
