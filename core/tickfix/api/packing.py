@@ -103,7 +103,9 @@ def values_within(cls: Any) -> Callable[[Any], tuple[Any, ...]] | None:
 
 
 def _reduce(value: Any) -> Any:
-    if value is None or isinstance(value, (bool, int, float, str, bytes)):
+    if value.__class__ in _SIMPLE:
+        return value
+    if isinstance(value, (int, float, str, bytes, np.generic)):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, np.ndarray):
         if value.dtype.kind not in _DTYPES:
@@ -117,8 +119,6 @@ def _reduce(value: Any) -> Any:
     if (within := values_within(value.__class__)) is not None:
         fields = [_reduce(item) for item in within(value)]
         return msgpack.ExtType(_DATACLASS, msgpack.packb([type(value).__qualname__, *fields], use_bin_type=True))
-    if isinstance(value, np.generic):
-        return value.item()
     raise TypeError(f"states hold arrays, numbers, strings, tuples and dataclasses, found {type(value).__name__}")
 
 
