@@ -25,6 +25,13 @@ def free_ports(**settings: Any) -> PortSettings:
     return PortSettings(**(free | settings))
 
 
+def all_done(hub: Hub) -> None:
+    """Wait until the thread of the ports has done what it was told so far, and noted all that was taken from it."""
+    done = threading.Event()
+    hub._errands.add(done.set)  # errands are run in their order, and rounds begin with them
+    assert done.wait(PATIENCE_MS / 1000)
+
+
 @dataclass
 class Loop:
     """A loop that accepts whatever comes, until it is held."""
@@ -114,4 +121,15 @@ def allow(folder: Path, *entries: Mapping[str, Any]) -> None:
     (folder / "new").replace(folder / "allowed.toml")
 
 
-__all__ = ["PATIENCE_MS", "Addresses", "Client", "Loop", "allow", "free_ports", "make_keys", "message", "pressure"]
+__all__ = [
+    "PATIENCE_MS",
+    "Addresses",
+    "Client",
+    "Loop",
+    "all_done",
+    "allow",
+    "free_ports",
+    "make_keys",
+    "message",
+    "pressure",
+]
