@@ -1,4 +1,7 @@
-"""Fixtures that all tests share."""
+"""Fixtures that all tests share, and how hypothesis searches: the same examples every time, however long each takes.
+
+``TICKFIX_HYPOTHESIS=explore pytest`` looks for new counterexamples, at random and for longer.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("steady", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("explore", settings.get_profile("steady"), max_examples=3000, derandomize=False)
+settings.load_profile(os.environ.get("TICKFIX_HYPOTHESIS", "steady"))
 
 
 @pytest.fixture(scope="session")

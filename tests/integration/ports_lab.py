@@ -55,7 +55,11 @@ class Loop:
 
 @dataclass
 class Client:
-    """A socket of any kind, with keys or without; received maps are unpacked."""
+    """A socket of any kind, with keys or without; received maps are unpacked.
+
+    Attributes:
+        events: of libzmq, to be noted on ``monitor`` from before the first connection on.
+    """
 
     context: zmq.Context[Any]
     kind: int
@@ -63,6 +67,7 @@ class Client:
     keys: tuple[KeyPair, str] | None = None
     routing_id: bytes = b""
     heard: dict[bytes, int] = field(default_factory=dict)
+    events: int = 0
 
     def __post_init__(self) -> None:
         self.socket = self.context.socket(self.kind)
@@ -77,7 +82,14 @@ class Client:
             self.socket.curve_publickey = pair.public.encode()
             self.socket.curve_secretkey = pair.secret.encode()
             self.socket.curve_serverkey = server.encode()
+        self.monitor = self.socket.get_monitor_socket(self.events) if self.events else None
         self.socket.connect(self.address)
+
+    def close(self) -> None:
+        if self.monitor is not None:
+            self.socket.disable_monitor()
+            self.monitor.close(0)
+        self.socket.close(0)
 
     def send(self, *frames: bytes) -> None:
         self.socket.send_multipart(frames)

@@ -198,7 +198,7 @@ def bytearray_flip(body: bytes, at: int, bit: int) -> bytes:
 
 
 @given(st.lists(st.tuples(st.booleans(), FRAMES), min_size=1, max_size=40))
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 def test_messages_in_are_the_sum_of_outcomes_whatever_comes(messages: list[tuple[bool, list[bytes]]]) -> None:
     limits = PeerLimits(messages_per_s=1e-3, message_burst=30)
     hub = Hub(

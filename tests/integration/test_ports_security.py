@@ -19,6 +19,13 @@ from tickfix.ports.keys import KeyPair
 from tickfix.ports.sockets import OLDEST, check_libzmq
 
 ALL = ["sensors", "positions", "control", "follow"]
+CLOSED = (
+    zmq.EVENT_HANDSHAKE_FAILED_AUTH
+    | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+    | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+    | zmq.EVENT_DISCONNECTED
+)
+"""What libzmq notes when it gives a connection up."""
 
 
 def describe(what: str, args: Any) -> Any:
@@ -54,7 +61,7 @@ class Guarded:
         keys: tuple[KeyPair, str] | None = None
         if name is not None:
             keys = (self.keys[name], server or self.keys["engine"].public)
-        self.clients.append(Client(self.context, kind, getattr(self.hub.addresses, port), keys))
+        self.clients.append(Client(self.context, kind, getattr(self.hub.addresses, port), keys, events=CLOSED))
         return self.clients[-1]
 
     def refusals(self, port: str) -> int:
@@ -62,7 +69,7 @@ class Guarded:
 
     def close(self) -> None:
         for client in self.clients:
-            client.socket.close(0)
+            client.close()
         self.context.term()
         self.hub.stop()
 
@@ -91,20 +98,10 @@ def answered(hub: Hub, client: Client, body: bytes) -> dict[str, Any]:
     raise AssertionError("no answer")
 
 
-def closed(client: Client, trigger: Callable[[], None] = lambda: None) -> int:
-    """Wait until libzmq gives a connection up, and return the event."""
-    events = (
-        zmq.EVENT_HANDSHAKE_FAILED_AUTH
-        | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
-        | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
-        | zmq.EVENT_DISCONNECTED
-    )
-    with client.socket.get_monitor_socket(events) as monitor:
-        trigger()
-        assert monitor.poll(PATIENCE_MS)
-        event = int.from_bytes(monitor.recv_multipart()[0][:2], "little")
-        client.socket.disable_monitor()
-    return event
+def closed(client: Client) -> None:
+    """Wait until libzmq gives a connection up."""
+    assert client.monitor is not None
+    assert client.monitor.poll(PATIENCE_MS)
 
 
 def test_a_key_comes_in_where_the_list_says_and_speaks_for_its_devices_only(guarded: Callable[..., Guarded]) -> None:
@@ -144,7 +141,8 @@ def test_without_keys_or_with_the_wrong_engine_key_nobody_gets_in(guarded: Calla
     engine.allow(phone=(["*"], ALL))
     hub = engine.open()
     plain = engine.client(zmq.DEALER, "sensors", None)
-    closed(plain, lambda: plain.send(pressure()))
+    plain.send(pressure())
+    closed(plain)
     mistaken = engine.client(zmq.DEALER, "sensors", "phone", server=engine.keys["other"].public)
     mistaken.send(pressure())
     # The engine drops a handshake made for another key without a word; what counts is that nothing comes in.
@@ -195,7 +193,8 @@ def test_a_listener_whose_key_is_withdrawn_is_cut_off_and_the_others_come_back(
         for listener in heard:  # a repetition for one is heard by all
             assert listener.socket.recv_multipart()[2] == b"1"
     good, bad = heard
-    closed(bad, lambda: engine.allow(good=([], ["positions"])))
+    engine.allow(good=([], ["positions"]))
+    closed(bad)
     assert good.socket.recv_multipart()[2] == b"1"  # the last value again: it has come back
     hub.publish([Said("estimate", "office", "F1", "p", "fusion", b"2")])
     assert good.socket.recv_multipart()[2] == b"2"

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from hypothesis import Phase, settings
 
 from tickfix import config
 from tickfix.api import Context, Estimate, Event, Fix, MotionSamples, Samples, Truth
@@ -23,8 +24,15 @@ from tickfix.site.survey import survey
 
 EFFORT = 30 if os.environ.get("TICKFIX_HYPOTHESIS") == "explore" else 1
 """By how much more hypothesis tries when it is to look for something new."""
+PHASES = tuple(Phase) if EFFORT > 1 else (Phase.explicit, Phase.generate)
+"""Folds take long: a counterexample is made smaller only where somebody waits for it."""
 HORIZON_S = 2.0
 SETTINGS = KernelSettings(horizon_s=HORIZON_S, strict=True)
+
+
+def examples(usually: int) -> settings:
+    """Return how hypothesis tries a law: with so many examples, and many more of them when exploring."""
+    return settings(max_examples=usually * EFFORT, phases=PHASES)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from lab import EFFORT, Folded, fold, numbered, track_digest
+from lab import Folded, examples, fold, numbered, track_digest
 from toys import toy_pipeline
 
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Samples, Scan, Window
@@ -78,7 +78,7 @@ def settled(events: list[Event], used: KernelSettings = SETTINGS, pipelines: Any
     return [folded.settled_as("d", p.name) for p in pipelines]
 
 
-@settings(max_examples=100 * EFFORT)
+@examples(100)
 @given(events=streams, data=st.data())
 def test_any_arrival_order_within_the_horizon_settles_to_the_same_bytes(
     events: list[Event], data: st.DataObject
@@ -88,7 +88,7 @@ def test_any_arrival_order_within_the_horizon_settles_to_the_same_bytes(
     assert settled(one) == settled(other)
 
 
-@settings(max_examples=60 * EFFORT)
+@examples(60)
 @given(events=streams, data=st.data(), checkpoint_mb=st.sampled_from([1e-6, 1e-3, 0.01]))
 def test_neither_checkpoints_nor_packing_nor_company_settle_to_other_bytes(
     events: list[Event], data: st.DataObject, checkpoint_mb: float
@@ -99,7 +99,7 @@ def test_neither_checkpoints_nor_packing_nor_company_settle_to_other_bytes(
     assert [settled(late, SETTINGS, [p])[0] for p in PIPELINES] == kept
 
 
-@settings(max_examples=40 * EFFORT)
+@examples(40)
 @given(events=streams, data=st.data())
 def test_repeating_any_message_under_another_number_settles_to_the_same_bytes(
     events: list[Event], data: st.DataObject
@@ -115,7 +115,7 @@ def test_repeating_any_message_under_another_number_settles_to_the_same_bytes(
 wild = st.integers(0, 2**62) | times.map(lambda ms: T0 + MS * ms) | st.integers(T0, T0 + 200_000 * MS)
 
 
-@settings(max_examples=60 * EFFORT)
+@examples(60)
 @given(
     instants=st.lists(wild, min_size=1, max_size=30),
     kinds=st.lists(st.sampled_from(["motion", "wifi", "ble", "fix", "pressure"]), min_size=30, max_size=30),
@@ -148,7 +148,7 @@ def test_whatever_the_times_every_message_has_one_outcome_and_ticks_are_publishe
         assert set(instants_settled) >= {(e.epoch, e.tick) for e in folded.published[key]}
 
 
-@settings(max_examples=80 * EFFORT)
+@examples(80)
 @given(events=streams, data=st.data(), checkpoint_mb=st.sampled_from([1e-6, 1e-3, 8.0]))
 def test_going_on_from_a_snapshot_says_the_same_bytes(
     events: list[Event], data: st.DataObject, checkpoint_mb: float
@@ -160,7 +160,7 @@ def test_going_on_from_a_snapshot_says_the_same_bytes(
     assert same_tracks(through, restarted)
 
 
-@settings(max_examples=60 * EFFORT)
+@examples(60)
 @given(
     instants=st.lists(wild, min_size=1, max_size=30),
     sources=st.lists(st.sampled_from(["wifi", "ble"]), min_size=30, max_size=30),

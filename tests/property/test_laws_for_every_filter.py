@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from lab import EFFORT, SETTINGS, Folded, Lab, delayed, fold, merged, numbered, split, track_digest, without_truth
+from lab import SETTINGS, Folded, Lab, delayed, examples, fold, merged, numbered, split, track_digest, without_truth
 from toys import plain, sabotaged
 
 from tickfix.api import TICK_NS, Estimate, Event, PluginError, Status, Truth
@@ -29,6 +29,7 @@ def same(a: Folded, b: Folded, lab: Lab, name: str) -> None:
     assert a.settled_as(device, name) == b.settled_as(device, name)
 
 
+@examples(6)
 @given(seed=seeds, known=st.booleans())
 def test_any_arrival_order_within_the_horizon_gives_the_same_settled_bytes(
     lab: Lab, name: str, seed: int, known: bool
@@ -40,6 +41,7 @@ def test_any_arrival_order_within_the_horizon_gives_the_same_settled_bytes(
     same(in_order, shuffled, lab, name)
 
 
+@examples(6)
 @given(pieces=st.integers(2, 5), seed=seeds, most=st.integers(2, 12))
 def test_splitting_and_merging_batches_in_time_changes_neither_track(
     lab: Lab, name: str, pieces: int, seed: int, most: int
@@ -54,6 +56,7 @@ def test_splitting_and_merging_batches_in_time_changes_neither_track(
     assert whole.said(device, name) == parts.said(device, name) == joined.said(device, name)
 
 
+@examples(6)
 @given(pieces=st.integers(2, 4), seed=seeds)
 def test_splitting_batches_sensor_by_sensor_and_shuffling_the_parts_keeps_the_settled_bytes(
     lab: Lab, name: str, pieces: int, seed: int
@@ -64,7 +67,7 @@ def test_splitting_batches_sensor_by_sensor_and_shuffling_the_parts_keeps_the_se
     same(whole, fold([lab.pipelines[name]], delayed(numbered(parts), seed)), lab, name)
 
 
-@settings(max_examples=3 * EFFORT)
+@examples(3)
 @given(seed=seeds)
 def test_other_pipelines_and_other_devices_change_no_bytes(lab: Lab, name: str, seed: int) -> None:
     device, events = lab.events[0].device, everything(lab)
@@ -80,7 +83,7 @@ def test_other_pipelines_and_other_devices_change_no_bytes(lab: Lab, name: str, 
     assert alone.said(device, name) == together.said(device, name)
 
 
-@settings(max_examples=4 * EFFORT)
+@examples(4)
 @given(seed=seeds)
 def test_packing_and_unpacking_every_state_changes_no_bytes(lab: Lab, name: str, seed: int) -> None:
     device, events = lab.events[0].device, delayed(everything(lab), seed)
@@ -90,6 +93,7 @@ def test_packing_and_unpacking_every_state_changes_no_bytes(lab: Lab, name: str,
     assert kept.said(device, name) == repacked.said(device, name)
 
 
+@examples(6)
 @given(seed=seeds, checkpoint_mb=st.sampled_from([1e-6, 0.001, 0.01, 0.05]))
 def test_thinning_checkpoints_changes_no_bytes(lab: Lab, name: str, seed: int, checkpoint_mb: float) -> None:
     device, events = lab.events[0].device, delayed(everything(lab), seed)
@@ -99,7 +103,7 @@ def test_thinning_checkpoints_changes_no_bytes(lab: Lab, name: str, seed: int, c
     assert kept.said(device, name) == thinned.said(device, name)
 
 
-@settings(max_examples=4 * EFFORT)
+@examples(4)
 @given(seed=seeds, checkpoint_mb=st.sampled_from([0.001, 8.0]))
 def test_going_on_from_snapshots_changes_no_bytes(lab: Lab, name: str, seed: int, checkpoint_mb: float) -> None:
     device, events = lab.events[0].device, delayed(everything(lab), seed)
@@ -111,6 +115,7 @@ def test_going_on_from_snapshots_changes_no_bytes(lab: Lab, name: str, seed: int
     assert through.said(device, name) == restarted.said(device, name)
 
 
+@examples(6)
 @given(seed=seeds)
 def test_truth_changes_no_bytes(lab: Lab, name: str, seed: int) -> None:
     device, rng = lab.events[0].device, np.random.default_rng(seed)
@@ -125,6 +130,7 @@ def test_truth_changes_no_bytes(lab: Lab, name: str, seed: int) -> None:
     assert told.said(device, name) == untold.said(device, name)
 
 
+@examples(6)
 @given(share=st.floats(0.0, 1.0), seed=seeds)
 def test_what_is_published_does_not_depend_on_what_comes_later(lab: Lab, name: str, share: float, seed: int) -> None:
     device, events = lab.events[0].device, delayed(everything(lab), seed)
@@ -135,6 +141,7 @@ def test_what_is_published_does_not_depend_on_what_comes_later(lab: Lab, name: s
     assert again.said(device, name) == prefix.said(device, name)
 
 
+@examples(6)
 @given(seed=seeds)
 def test_every_message_has_exactly_one_outcome(lab: Lab, name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -150,7 +157,7 @@ def at_some_ticks(what: str, share: float, seed: int) -> Callable[[str, int], st
 
 
 @pytest.mark.parametrize("kind", ["pdr", "fingerprint", "filter"])
-@settings(max_examples=3 * EFFORT)
+@examples(3)
 @given(what=st.sampled_from(["raise", "nan", "type"]), share=st.sampled_from([0.05, 0.5, 1.0]), seed=seeds)
 def test_a_failing_stage_keeps_its_state_is_named_and_leaves_the_other_pipelines_alone(
     lab: Lab, name: str, kind: str, what: str, share: float, seed: int
@@ -206,7 +213,7 @@ def test_the_driver_may_close_every_tick_itself_and_the_settled_bytes_stay(lab: 
     assert [e.tick for e in published] == list(range(published[0].tick, published[-1].tick + 1))
 
 
-@settings(max_examples=EFFORT)
+@examples(1)
 @given(seed=seeds)
 def test_devices_that_run_together_say_what_each_says_alone(lab: Lab, name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lab import examples
 
 from tickfix.api import Context, Prior, pack
 from tickfix.plugins import discover
@@ -28,6 +29,7 @@ def built(name: str, preset: str) -> Any:
 
 
 @pytest.mark.parametrize(("name", "preset"), [(n, p) for n in OF_MANY for p in ("", *FILTERS[n].presets)])
+@examples(6)
 @given(
     order=st.permutations(range(3 * together.DEVICES)),
     cuts=st.lists(st.integers(0, 3 * together.DEVICES), max_size=4),

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from lab import EFFORT, track_digest
+from lab import examples, track_digest
 from toys import toy_pipeline
 
 from tickfix.api import Event, MotionSamples, Readings, Samples, Scan, Window
@@ -53,7 +53,7 @@ def motion(t_ms: int) -> MotionSamples:
     )
 
 
-@settings(max_examples=40 * EFFORT, deadline=None)
+@examples(40)
 @given(
     order=st.permutations(range(24)),
     late=st.lists(st.integers(0, 3), min_size=24, max_size=24),

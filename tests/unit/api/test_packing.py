@@ -66,7 +66,7 @@ states = st.builds(
 )
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(states)
 def test_a_state_comes_back_bit_for_bit(state: State) -> None:
     again = unpack(pack(state), State)
@@ -78,14 +78,14 @@ def test_a_state_comes_back_bit_for_bit(state: State) -> None:
     assert not again.inner.numbers.flags.writeable
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 @given(states)
 def test_what_was_packed_before_stands_for_what_it_was_packed_from(state: State) -> None:
     for value in (state, state.inner, state.inner.numbers):
         assert pack((1, Packed(pack(value)), "a")) == pack((1, value, "a"))
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(st.binary(max_size=60) | st.tuples(states.map(pack), st.integers(0, 200), st.integers(0, 255)))
 def test_broken_bytes_are_refused_or_make_some_other_state(data: Any) -> None:
     if isinstance(data, tuple):

@@ -95,7 +95,7 @@ def least_squares(ticks: list[Tick], diffusion_m: float) -> tuple[Any, Any]:
     return (covariance @ right)[-2:], covariance[-2:, -2:]
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), ticks=st.integers(1, 25), diffusion_m=st.floats(0.02, 0.5))
 def test_kalman_is_least_squares_over_the_whole_walk(seed: int, ticks: int, diffusion_m: float) -> None:
     walk = list(linear_walk(seed, ticks))
@@ -134,7 +134,7 @@ def test_kalman_promises_what_it_keeps() -> None:
     assert np.mean(squares) == pytest.approx(2.0, abs=4 * 2 / np.sqrt(150))  # χ² with two degrees of freedom
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@settings(max_examples=30)
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=30).filter(lambda w: sum(w) > 1e-3))
 def test_systematic_resampling_is_unbiased_and_off_by_less_than_one(raw: list[float]) -> None:
     weights = np.array(raw) / np.sum(raw)

@@ -123,7 +123,7 @@ def check(sample: Sample, place: Path, name: str, change: Change) -> None:
 
 
 @given(change=CHANGES, name=st.sampled_from(["000001.mcap", "000002.mcap"]))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_nothing_damaged_is_believed(sample: Sample, place: Path, change: Change, name: str) -> None:
     check(sample, place, name, change)
 

@@ -16,6 +16,25 @@ from tickfix.journal.retention import drop_old
 WAIT_S = 30
 
 
+def begun(
+    folder: Path, manifest: Manifest, settings: JournalSettings, monkeypatch: pytest.MonkeyPatch
+) -> tuple[JournalWriter, list[int]]:
+    """Return a writer whose thread has brought the beginning to the disk, and the handles that are, as they come."""
+    calls: list[int] = []
+    on_disk, caller, fsync = threading.Event(), threading.get_ident(), os.fsync
+
+    def watched(handle: int) -> None:
+        calls.append(handle)
+        fsync(handle)
+        if threading.get_ident() != caller and Path(f"/proc/self/fd/{handle}").is_dir():  # the folder comes last
+            on_disk.set()
+
+    monkeypatch.setattr(os, "fsync", watched)
+    writer = JournalWriter(folder, manifest, settings)
+    assert on_disk.wait(WAIT_S)
+    return writer, calls
+
+
 def test_callbacks_come_in_order_from_another_thread_and_only_when_it_is_durable(
     tmp_path: Path, manifest: Manifest
 ) -> None:
@@ -50,13 +69,7 @@ def test_syncs_are_shared_by_the_commits_of_an_interval(
     tmp_path: Path, manifest: Manifest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With a long interval nothing but the first and the last sync happens; closing does not wait for it."""
-    calls: list[int] = []
-    fsync = os.fsync
-    monkeypatch.setattr(os, "fsync", lambda handle: (calls.append(handle), fsync(handle))[1])
-    started = threading.Event()
-    writer = JournalWriter(tmp_path, manifest, JournalSettings(sync_ms=1e7))
-    writer.when_durable(0, started.set)
-    assert started.wait(WAIT_S)
+    writer, calls = begun(tmp_path, manifest, JournalSettings(sync_ms=1e7), monkeypatch)
     for number in range(50):
         writer.append(Kind.EVENT, "a", number, b"")
         writer.commit()
@@ -72,10 +85,7 @@ def test_syncs_are_shared_by_the_commits_of_an_interval(
 def test_a_disk_that_fails_is_told_at_the_next_commit_and_nothing_more_is_called_durable(
     tmp_path: Path, manifest: Manifest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writer = JournalWriter(tmp_path, manifest, JournalSettings(sync_ms=1))
-    started = threading.Event()
-    writer.when_durable(0, started.set)
-    assert started.wait(WAIT_S)
+    writer, _ = begun(tmp_path, manifest, JournalSettings(sync_ms=1), monkeypatch)
 
     def failing(_: int) -> None:
         failed.set()

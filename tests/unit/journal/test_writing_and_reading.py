@@ -33,7 +33,7 @@ RECORDS = st.lists(
 
 
 @given(commits=RECORDS)
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 def test_every_record_comes_back_as_it_was_appended(
     commits: Sequence[Sequence[tuple[Kind, str, int, bytes]]],
     manifest: Manifest,

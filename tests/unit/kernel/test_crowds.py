@@ -22,7 +22,7 @@ TICK = T0 // TICK_NS
 LENIENT = replace(SETTINGS, strict=False)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=20)
 @given(st.permutations(range(14)), st.sampled_from([1, 100, 1_400]))
 def test_of_too_many_samples_of_a_tick_the_first_stand_in_whatever_order_they_come(parts: list[int], size: int) -> None:
     timeline = Timeline(10 * S, Counter())
@@ -49,7 +49,7 @@ def test_samples_left_out_are_counted_and_a_tick_holds_no_more_however_many_come
     assert counts["crowded"] == 4_000 - len(held._loose)
 
 
-@settings(max_examples=2, deadline=None, derandomize=True)
+@settings(max_examples=2)
 @given(st.permutations(range(90)))
 def test_of_too_many_scans_and_fixes_of_a_tick_the_first_stand_in_whatever_order_they_come(order: list[int]) -> None:
     crowd = [

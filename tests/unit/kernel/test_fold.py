@@ -11,7 +11,7 @@ from tickfix.kernel.fold import Fold, earliest
 HORIZON = 10
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(
     moves=st.lists(st.tuples(st.sampled_from(["advance", "change"]), st.integers(0, HORIZON)), max_size=40),
     budget=st.sampled_from([0, 64, 300, 700, 10_000]),

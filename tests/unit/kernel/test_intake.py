@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tickfix.kernel.intake import Sequence
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(st.lists(st.integers(1, 300), max_size=200))
 def test_each_number_is_new_once_in_whatever_order_they_come(numbers: list[int]) -> None:
     sequence, seen = Sequence(), set[int]()
@@ -26,7 +26,7 @@ def test_what_is_remembered_is_bounded_and_older_numbers_count_as_seen() -> None
     assert not sequence.is_new(10**15 - 4097)
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 @given(st.lists(st.integers(1, 9_000), max_size=50), st.integers(1, 9_000))
 def test_what_was_seen_survives_as_bits(numbers: list[int], asked: int) -> None:
     sequence = Sequence()

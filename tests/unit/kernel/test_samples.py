@@ -42,7 +42,7 @@ def read(timeline: Timeline) -> list[tuple[bytes, bytes]]:
     return [(s.t_ns.tobytes(), s.values.tobytes()) for sensors in ticks for s in sensors.values()]
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(sent=batches, sort=st.booleans())
 def test_a_batch_does_what_its_samples_one_by_one_do(sent: list[list[tuple[int, float, float]]], sort: bool) -> None:
     batched, batched_counts = begun()
@@ -57,7 +57,7 @@ def test_a_batch_does_what_its_samples_one_by_one_do(sent: list[list[tuple[int, 
     assert (batched.first, batched.newest_ns, batched.changes) == (single.first, single.newest_ns, single.changes)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(sent=batches)
 def test_a_snapshot_holds_the_samples_whatever_they_came_in(sent: list[list[tuple[int, float, float]]]) -> None:
     timeline, _ = begun()

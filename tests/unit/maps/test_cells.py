@@ -41,7 +41,7 @@ def every_pair(a: Floats, b: Floats, segments: Floats) -> Bools:
     return crossed
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(segments=drawing, moves=moves)
 def test_crossings_are_those_of_every_pair(segments: list[tuple[float, ...]], moves: list[tuple[float, ...]]) -> None:
     walls, ways = of(segments), of(moves)
@@ -75,7 +75,7 @@ def test_a_move_is_told_the_same_alone_and_in_company() -> None:
     assert together[::9].tolist() == alone
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 @given(segments=drawing, points=st.lists(st.tuples(anywhere, anywhere), min_size=1, max_size=30))
 def test_no_point_is_nearer_to_a_wall_than_its_cell_says(
     segments: list[tuple[float, ...]], points: list[tuple[float, float]]
@@ -87,7 +87,7 @@ def test_no_point_is_nearer_to_a_wall_than_its_cell_says(
     assert (clearance_m >= np.minimum(distance_m, MARGIN_M) - 2.0 * np.sqrt(2.0) * cells.side_m - 1e-9).all()
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(
     ring=st.lists(st.tuples(exact, exact), min_size=3, max_size=7, unique=True),
     hole=st.lists(st.tuples(exact, exact), min_size=3, max_size=5, unique=True),

@@ -32,7 +32,7 @@ def way(a: Floats, b: Floats) -> shapely.Geometry:
     return shapely.Point(a) if (a == b).all() else shapely.LineString([a, b])
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 @given(segments=segments, moves=moves)
 def test_crossings_are_those_of_shapely(segments: list[tuple[float, ...]], moves: list[tuple[float, ...]]) -> None:
     walls = np.array(segments).reshape(-1, 2, 2)
@@ -45,7 +45,7 @@ def test_crossings_are_those_of_shapely(segments: list[tuple[float, ...]], moves
             assert found[n] == (nearest == 0.0), (a[n], b[n], nearest)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100)
 @given(
     corners=st.tuples(grid, grid, grid, grid).filter(lambda c: abs(c[0] - c[2]) > 1 and abs(c[1] - c[3]) > 1),
     hole=st.tuples(grid, grid, grid, grid).filter(lambda c: c[0] != c[2] and c[1] != c[3]),
