@@ -6,18 +6,21 @@ import json
 import shutil
 import subprocess
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import zmq
-from ports_lab import PATIENCE_MS, Loop, allow, free_ports, make_keys
+from live_lab import until
+from ports_lab import PATIENCE_MS, Loop, all_done, allow, free_ports, make_keys
 
 from tickfix.api import Belief, Estimate, Status
 from tickfix.client import Control, Keys, Listener, NoAnswerError, RefusedError, Sensor, ShutOutError
 from tickfix.kernel import Outcome
 from tickfix.kernel.intake import Sequence
 from tickfix.ports import Hub
+from tickfix.ports.clock import Clock
 from tickfix.ports.positions import Said
 from tickfix.ports.settings import PeerLimits
 from tickfix.wire import REQUESTS, Hello, encode_estimate
@@ -30,8 +33,9 @@ JAVASCRIPT = Path(__file__).parents[2] / "examples" / "javascript"
 class Engine:
     """A real hub, and a loop that counts every numbered message once."""
 
-    def __init__(self, settings):
-        self.hub = Hub(settings, run="r1", site="mall", describe=lambda what, args: {"asked": what, **args})
+    def __init__(self, settings, clock=None):
+        told = {"describe": lambda what, args: {"asked": what, **args}, "clock": clock}
+        self.hub = Hub(settings, run="r1", site="mall", **told)
         self.addresses = self.hub.start()
         self.seen = Sequence()
         self.counted = []
@@ -108,10 +112,14 @@ def test_an_engine_that_dies_again_and_again_gets_everything_once(context):
 
 
 def test_a_throttled_sensor_gets_through_in_the_end(context):
-    engine = Engine(free_ports(peer=PeerLimits(messages_per_s=400.0, message_burst=20)))
+    slower = [100]  # so that a slow machine is no slower than the rate
+    clock = Clock(monotonic_ns=lambda: time.monotonic_ns() // slower[0])
+    engine = Engine(free_ports(peer=PeerLimits(messages_per_s=400.0, message_burst=20)), clock)
     with Sensor(engine.addresses.sensors, "d", context=context, resend_s=0.1) as sensor:
         for k in range(100):
             sensor.pressure(k, 1000.0)
+        until(lambda: sensor.flush(0.02) or sensor.outcomes["throttled"])
+        slower[0] = 1
         assert sensor.flush(PATIENCE_S)
         assert sensor.resent > 0
     engine.close()
@@ -120,8 +128,7 @@ def test_a_throttled_sensor_gets_through_in_the_end(context):
 
 def test_a_listener_gets_the_last_value_and_then_what_comes(engine, context):
     engine.hub.publish([said(1), said(2)])
-    with Control(engine.addresses.control, context=context) as control:
-        control.request("health")  # answered after they were said
+    all_done(engine.hub)
     with Listener(engine.addresses.positions, ["estimate/mall/"], context=context) as listener:
         assert listener.receive(PATIENCE_S)["tick"] == 2
         with Listener(engine.addresses.positions, ["device/mall/d/"], context=context) as other:
@@ -195,13 +202,25 @@ def test_whoever_is_shut_out_is_told_why(context, tmp_path):
         pytest.raises(ShutOutError, match="asks for none"),
     ):
         control.status()
-    with (
-        Control(guarded.addresses.control, keys=mistaken, context=context, timeout_s=2.0) as control,
-        pytest.raises(NoAnswerError, match=r"is engine\.pub the public key of this very engine"),
-    ):
-        control.status()
+    with Control(guarded.addresses.control, keys=mistaken, **told) as control:
+        control._clock = lambda: PATIENCE_S + 1.0 if control._door.doubt else 0.0  # time passes once it has a doubt
+        with pytest.raises(NoAnswerError, match=r"is engine\.pub the public key of this very engine"):
+            control.status()
     guarded.close()
     open_to_all.close()
+
+
+def test_whoever_was_shut_out_before_it_asks_is_told_why_and_never_waits(context, tmp_path):
+    pairs = make_keys(tmp_path, "phone")
+    allow(tmp_path, {"name": "phone", "key": pairs["phone"].public, "ports": ["positions"]})
+    guarded = Engine(free_ports(keys=tmp_path))
+    keys = Keys.read(tmp_path / "phone.key", tmp_path / "engine.pub")
+    with Control(guarded.addresses.control, keys=keys, context=context, timeout_s=PATIENCE_S) as control:
+        until(lambda: not control._socket.get(zmq.EVENTS) & zmq.POLLOUT)
+        for _ in range(2):
+            with pytest.raises(ShutOutError, match="this key"):
+                control.status()
+    guarded.close()
 
 
 @pytest.mark.skipif(NODE is None, reason="Node.js is not installed")

@@ -16,7 +16,6 @@ from tickfix.client.connection import (
     ShutOutError,
     open_socket,
     packed,
-    readable,
     unpacked,
 )
 from tickfix.client.door import Door
@@ -69,9 +68,11 @@ class Control:
             ShutOutError: when the engine does not let this client in.
             RefusedError: when the engine cannot do it, with its words.
         """
-        self._socket.send(packed({"v": VERSION, "type": "request", "what": what, "args": args}))
         deadline_s = self._clock() + self._timeout_s
-        while self._wait(deadline_s):
+        # Where the engine has let nobody in, there is nowhere to send to, and sending would wait for ever.
+        if self._wait(zmq.POLLOUT, deadline_s):
+            self._socket.send(packed({"v": VERSION, "type": "request", "what": what, "args": args}), zmq.NOBLOCK)
+        while self._wait(zmq.POLLIN, deadline_s):
             answer = unpacked(self._socket.recv_multipart()[-1])
             if answer is None:
                 continue
@@ -153,12 +154,12 @@ class Control:
         self._socket = open_socket(zmq.DEALER, self._keys, self._context)
         self._door = Door(self._socket, self._address, self._keys)
 
-    def _wait(self, deadline_s: float) -> bool:
-        """Wait for an answer; return whether there is one in time."""
+    def _wait(self, event: int, deadline_s: float) -> bool:
+        """Wait until something can be sent, or was answered; return whether that is so in time."""
         poller = zmq.Poller()
-        poller.register(self._socket, zmq.POLLIN)
+        poller.register(self._socket, event)
         poller.register(self._door.monitor, zmq.POLLIN)
-        while not readable(self._socket):
+        while not int(self._socket.get(zmq.EVENTS)) & event:
             if self._door.shut:
                 raise ShutOutError(f"{self._address}: {self._door.shut}")
             if not poller.poll(int(max(0.0, 1000.0 * (deadline_s - self._clock()))) + 1):
