@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -18,7 +20,7 @@ import numpy as np
 from stored_floor import Command
 
 from tickfix.api import Estimate
-from tickfix.client import Control
+from tickfix.client import Control, Listener
 from tickfix.evaluation.track import Track, digest
 from tickfix.journal import JournalReader, Kind
 from tickfix.wire import decode_estimate
@@ -37,6 +39,30 @@ filter = "kalman"
 """
 CALM = f"{LIGHT}[live]\ncoast_s = 0.0\n"
 """For undisturbed runs: the same tracks, and no tick beyond the data however slow the sender is."""
+
+
+_OURS = 200
+_turns = itertools.count(os.getpid())
+
+
+def lasting_addresses() -> dict[str, str]:
+    """Return addresses that an engine finds free again after a crash.
+
+    The system gives their ports to nobody who asks for any, and other workers of pytest have others.
+    """
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    given = Path("/proc/sys/net/ipv4/ip_local_port_range")
+    lowest_given = int(given.read_text().split()[0]) if given.exists() else 32_768
+    return {name: f"tcp://127.0.0.1:{_free_port(lowest_given - _OURS * (worker + 1))}" for name in PORTS}
+
+
+def _free_port(first: int) -> int:
+    for turn in itertools.islice(_turns, _OURS):
+        port = first + turn % _OURS
+        with contextlib.suppress(OSError), socket.socket() as probe:
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise AssertionError(f"no port from {first} to {first + _OURS - 1} is free")
 
 
 @dataclass
@@ -233,6 +259,17 @@ def adds_up(control: Control, *, at_least: int = 0) -> dict[str, int]:
     outcomes: dict[str, int] = intake["outcomes"]
     assert sum(outcomes.values()) == intake["received"]
     return outcomes
+
+
+def hear(listener: Listener, count: int) -> list[dict[str, Any]]:
+    """Return what an engine said that has ended: so many estimates, and no more."""
+    heard: list[dict[str, Any]] = []
+    while len(heard) < count:
+        estimate = listener.receive(PATIENCE_S)
+        assert estimate is not None, f"{len(heard)} of {count} were heard"
+        heard.append(estimate)
+    assert listener.receive(1.0) is None, f"more than {count} were heard"
+    return heard
 
 
 def until(happened: Callable[[], bool]) -> None:

@@ -6,7 +6,6 @@ import json
 import os
 import resource
 import signal
-import socket
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -24,7 +23,9 @@ from live_lab import (
     Process,
     adds_up,
     estimates,
+    hear,
     last_word,
+    lasting_addresses,
     outcome,
     repeats,
     same_in_the_end,
@@ -55,15 +56,15 @@ def test_what_is_published_is_in_the_journal_and_repeats_to_the_byte(
         until(lambda: listener.receive(0.05) is None and listener.heartbeat is not None)
         sent = outcome(lab.send(engine, *walks, "--speed", "0"))
         assert sent["unknown"] == 0
-        heard = list(iter(lambda: listener.receive(3.0), None))
         with engine.control() as control:
             status = control.status()
             adds_up(control)
+        ended = engine.stop()
+        heard = hear(listener, ended["ticks"])
         assert listener.missed == 0
     again = sum(sent["outcomes"].get(outcome, 0) for outcome in ("busy", "throttled"))
     assert sum(sent["outcomes"].values()) - again == sent["messages"] + len(walks)
     assert status["failures"] == {}
-    ended = engine.stop()
     published = [e for e in estimates(journal) if e.revision == 0 and e.pipeline == "kalman"]
     assert ended["ticks"] == len(published) > 100
     in_journal = [(e.device, e.tick, None if e.belief is None else tuple(e.belief.xy.tolist())) for e in published]
@@ -82,7 +83,7 @@ def test_killed_at_random_it_goes_on_and_settles_as_if_nothing_had_happened(
     outcome(lab.send(calm, *walks, "--speed", "0"))
     calm.stop()
     journal, rng = lab.place / "journal", np.random.default_rng(SEED)
-    engine = lab.serve(LIGHT, "--journal", journal)
+    engine = lab.serve(LIGHT, "--journal", journal, at=lasting_addresses())
     sender = lab.send(engine, *walks, "--speed", "6" if KILLS < 10 else "0.25")
     for _ in range(KILLS):
         wanted = _records(journal) + int(rng.integers(20, 200))
@@ -190,8 +191,7 @@ def test_an_engine_that_hangs_is_restarted_without_the_culprit(
     lab.env |= package("hanging_filter", HANGING)
     journal = lab.place / "journal"
     config = pipeline("hanging", "hanging") + pipeline("kalman", "kalman") + "[live]\nwatchdog_s = 2.0\n"
-    free = {name: f"tcp://127.0.0.1:{_free_port()}" for name in ("sensors", "positions", "control", "follow")}
-    engine = lab.serve(config, "--journal", journal, at=free)
+    engine = lab.serve(config, "--journal", journal, at=lasting_addresses())
     sender = lab.send(engine, walks[0], "--speed", "6")
     assert "hung in filter 'hanging'" in engine.notice("hung")
     sent = outcome(sender)
@@ -360,7 +360,7 @@ def _until_followed(lab: Lab, leader: Process, followers: tuple[Process, ...]) -
 
                 def heard(control: object = control, n: Counter[str] = n) -> bool:
                     n["asked"] += 1
-                    probe.pressure(n["asked"] * 10_000_000, 1000.0)
+                    probe.truth(n["asked"] * 10_000_000, "F1", (0.0, 0.0))  # which makes no tick
                     probe.flush(1.0)
                     return bool(control.status()["followed"].get("records"))  # type: ignore[attr-defined]
 
@@ -371,10 +371,3 @@ def _until_followed(lab: Lab, leader: Process, followers: tuple[Process, ...]) -
 def _records(journal: Path) -> int:
     """Return roughly how many records there are: bytes tell without reading."""
     return sum(file.stat().st_size for file in journal.glob("*.mcap")) // 600
-
-
-def _free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port: int = found.getsockname()[1]
-        return port

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
-from live_lab import Engine, Lab, adds_up, outcome, until
+from live_lab import Engine, Lab, adds_up, lasting_addresses, outcome, until
 
 from tickfix.journal import JournalReader
 
@@ -79,17 +78,9 @@ def serve(lab: Lab, package: Callable[..., Mapping[str, str]]) -> Callable[[str]
 
     def started(pipelines: str) -> Engine:
         lab.env |= package("hanging_filter", HANGING)
-        at = {name: f"tcp://127.0.0.1:{free_port()}" for name in ("sensors", "positions", "control", "follow")}
-        return lab.serve(pipelines + LIVE, "--journal", lab.place / "journal", at=at)
+        return lab.serve(pipelines + LIVE, "--journal", lab.place / "journal", at=lasting_addresses())
 
     return started
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def serves_again(engine: Engine, lab: Lab, walk: Path) -> None:

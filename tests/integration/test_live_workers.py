@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from live_lab import CALM, PORTS, Lab, estimates, last_word, outcome, repeats, same_in_the_end, until
+from live_lab import (
+    CALM,
+    Lab,
+    estimates,
+    hear,
+    last_word,
+    lasting_addresses,
+    outcome,
+    repeats,
+    same_in_the_end,
+    until,
+)
 from stored_floor import Command
 
 from tickfix.client import Listener
@@ -46,13 +56,13 @@ def test_with_workers_an_engine_says_what_it_says_without_and_its_journal_repeat
         until(lambda: listener.receive(0.05) is None and listener.heartbeat is not None)
         sent = outcome(lab.send(engine, *walks, "--copies", "3", "--speed", "0"))
         assert sent["unknown"] == 0
-        heard = list(iter(lambda: listener.receive(3.0), None))
         with engine.control() as control:
             status = control.status()
             assert status["failures"] == {}
             assert sum(status["measurements"].values()) > 1000
-    assert all(shares(pid) for pid in workers), "one of the workers had nothing to do"
-    ended = engine.stop()
+        assert all(shares(pid) for pid in workers), "one of the workers had nothing to do"
+        ended = engine.stop()
+        heard = hear(listener, ended["ticks"])
     assert not any(map(lives, workers)), "a worker is left behind"
     published = [e for e in estimates(journal) if e.revision == 0 and e.pipeline == "kalman"]
     assert ended["ticks"] == len(published) == len(heard) > 100
@@ -66,14 +76,14 @@ def test_killed_workers_and_engines_lose_nothing_whoever_goes_on(
     lab: Lab, walks: list[Path], calm: Path, tickfix: Command
 ) -> None:
     journal = lab.place / "journal"
-    engine = lab.serve(CALM + WORKERS, "--journal", journal, at=free())
+    engine = lab.serve(CALM + WORKERS, "--journal", journal, at=lasting_addresses())
     sender = lab.send(engine, *walks, "--copies", "3", "--speed", "6")
     until(lambda: grown(journal) > 50_000)
     (running,) = children(engine.popen.pid)
     os.kill(children(running)[1], signal.SIGKILL)
     assert "resuming from the journal" in engine.notice("crashed")
+    until(lambda: "was ended by signal 9" in "".join(engine.errors))  # said before, and heard by another thread
     assert "worker 2" in "".join(engine.errors)
-    assert "was ended by signal 9" in "".join(engine.errors)
     until(lambda: lives_as_engine(engine.popen.pid, but=running))
     before = grown(journal)
     until(lambda: grown(journal) > before + 50_000)
@@ -125,7 +135,7 @@ def test_what_hangs_in_a_worker_is_named_and_left_out_and_what_raises_harms_only
     journal = lab.place / "journal"
     names = ("hanging", "raising", "kalman")
     config = "".join(f'[pipelines.{name}]\npdr = "steps"\nfingerprint = "wknn"\nfilter = "{name}"\n' for name in names)
-    engine = lab.serve(f"{config}[live]\nwatchdog_s = 2.0\n{WORKERS}", "--journal", journal, at=free())
+    engine = lab.serve(f"{config}[live]\nwatchdog_s = 2.0\n{WORKERS}", "--journal", journal, at=lasting_addresses())
     (running,) = children(engine.popen.pid)
     workers = children(running)
     sender = lab.send(engine, walks[0], "--speed", "6")
@@ -170,13 +180,3 @@ def shares(pid: int) -> bool:
 def grown(journal: Path) -> int:
     """Return how many bytes there are."""
     return sum(file.stat().st_size for file in journal.glob("*.mcap"))
-
-
-def free() -> dict[str, str]:
-    """Return addresses that an engine can take again after a crash."""
-    found = {}
-    for name in PORTS:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            found[name] = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
-    return found

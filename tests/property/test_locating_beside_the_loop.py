@@ -18,6 +18,7 @@ from tickfix.drivers.live.remembering import remembering
 from tickfix.kernel import Kernel, KernelSettings
 
 MS = 1_000_000
+PATIENCE_S = 60.0
 T0 = 5_000_000_000_000
 SETTINGS = KernelSettings(horizon_s=4.0, strict=True)
 PLAIN = (
@@ -94,7 +95,7 @@ def test_the_loop_never_waits_for_a_scan_that_was_located_beside_it(
 
 
 def test_a_thread_that_hangs_is_left_behind_and_others_go_on() -> None:
-    woken, stuck = threading.Event(), threading.Event()
+    woken, begun, stuck = threading.Event(), threading.Event(), threading.Event()
 
     class Stuck:
         State = PLAIN[0].fingerprint.algorithm.State  # type: ignore[union-attr]
@@ -105,6 +106,7 @@ def test_a_thread_that_hangs_is_left_behind_and_others_go_on() -> None:
 
         def step(self, state: Any, window: Readings) -> Any:
             if window.t_ns == T0:
+                begun.set()
                 stuck.wait()
             return PLAIN[0].fingerprint.algorithm.step(state, window)  # type: ignore[union-attr]
 
@@ -114,16 +116,16 @@ def test_a_thread_that_hangs_is_left_behind_and_others_go_on() -> None:
         [type(PLAIN[0])("p", PLAIN[0].filter, None, type(fingerprint)("fingerprint", "s", "s", Stuck()))]
     )
     kernel = Kernel([pipeline], SETTINGS)
-    locator = Locator(kernel.questions, woken.set, timeout_s=0.05)
+    now_ns = [0]
+    locator = Locator(kernel.questions, woken.set, timeout_s=1.0, clock_ns=lambda: now_ns[0])
     for number, t_ms in enumerate((0, 1000), 1):
         locator.ask(number, scan(t_ms, "wifi"))
-    done: list[Located] = []
-    for _ in range(400):
-        woken.wait(0.02)
-        woken.clear()
-        done += locator.done()
-        if len(done) == 2:
-            break
+    assert begun.wait(PATIENCE_S)
+    assert locator.done() == []
+    now_ns[0] = 1_500 * MS
+    done: list[Located] = locator.done()
+    assert woken.wait(PATIENCE_S)
+    done += locator.done()
     assert {(d.number, bool(d.reason)) for d in done} == {(1, True), (2, False)}
     assert locator.hung == 1
     assert locator.waiting == 0

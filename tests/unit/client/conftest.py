@@ -19,6 +19,9 @@ from tickfix.wire import (
     encode,
 )
 
+PATIENCE_MS = 60_000
+"""How long a test waits for what must come."""
+
 
 class Sockets:
     """A ROUTER and an XPUB, real ones; everything goes over tcp on this machine."""
@@ -75,7 +78,7 @@ class Sockets:
         if self.address.startswith("tcp"):
             monitor = self.router.get_monitor_socket(zmq.EVENT_CLOSED)
             self.router.unbind(self.address)
-            assert monitor.poll(5000), "the address is not free again"
+            assert monitor.poll(PATIENCE_MS), "the address is not free again"
             self.router.disable_monitor()
             monitor.close()
         self.router.close()
@@ -84,7 +87,7 @@ class Sockets:
 
     def subscriptions(self, n):
         """Wait for ``n`` subscriptions."""
-        return [self.xpub.recv() for _ in range(n) if self.xpub.poll(5000)]
+        return [self.xpub.recv() for _ in range(n) if self.xpub.poll(PATIENCE_MS)]
 
     def publish(self, topic, seq, body, run="r1"):
         """Publish a body under a topic."""

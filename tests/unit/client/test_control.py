@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from threading import Thread
+from threading import Event, Thread
 
 import pytest
 
 from tickfix.client import Control, NoAnswerError, RefusedError
 from tickfix.wire import REQUESTS, VERSION, Error, Reply, WireError, decode_request, encode, error_for
 
+PATIENCE_S = 60.0
+
 
 @pytest.fixture
 def answering(sockets):
     """Return a function that answers the next requests beside the test."""
-    threads = []
+    threads, ended = [], Event()
 
     def answer(*answers):
         def serve():
             for make in answers:
+                while not sockets.router.poll(20):
+                    if ended.is_set():
+                        return
                 peer, data = sockets.router.recv_multipart()
                 try:
                     request = decode_request(data)
@@ -32,8 +37,9 @@ def answering(sockets):
         threads.append(thread)
 
     yield answer
+    ended.set()
     for thread in threads:
-        thread.join(10.0)
+        thread.join()
 
 
 def ok(request):
@@ -41,7 +47,7 @@ def ok(request):
 
 
 def test_every_request_has_a_method(sockets, answering):
-    control = sockets.keep(Control(sockets.address, context=sockets.context))
+    control = sockets.keep(Control(sockets.address, timeout_s=PATIENCE_S, context=sockets.context))
     answering(*[ok] * len(REQUESTS))
     for what in REQUESTS:
         method = getattr(control, what.replace("-", "_"))
@@ -50,7 +56,7 @@ def test_every_request_has_a_method(sockets, answering):
 
 
 def test_a_refusal_says_why(sockets, answering):
-    control = sockets.keep(Control(sockets.address, context=sockets.context))
+    control = sockets.keep(Control(sockets.address, timeout_s=PATIENCE_S, context=sockets.context))
     answering(
         lambda request: [Reply(v=VERSION, what=request.what, ok=False, data="no pipeline 'x'")],
         lambda request: [Error(v=VERSION, outcome="malformed", field="args.pipeline", found="3", expected="a name")],
@@ -74,20 +80,22 @@ def test_a_late_answer_is_not_taken_for_the_next(sockets, answering):
     control = sockets.keep(Control(sockets.address, timeout_s=0.05, context=sockets.context))
     while not sockets.router.poll(0):  # a slow machine connects later than that
         with pytest.raises(TimeoutError):
-            control.status()
+            control.request("status", impatient=True)
     late, _ = sockets.router.recv_multipart()
-    control._timeout_s = 60.0
-    answering(
-        lambda request: (
-            sockets.router.send_multipart([late, encode(Reply(v=VERSION, what="status", ok=True, data="late"))]),
-            [Reply(v=VERSION, what="status", ok=True, data="in time")],
-        )[1]
-    )
+    control._timeout_s = PATIENCE_S
+
+    def answer(request):
+        if request.args:  # another of those that were not answered in time
+            return []
+        sockets.router.send_multipart([late, encode(Reply(v=VERSION, what="status", ok=True, data="late"))])
+        return [Reply(v=VERSION, what="status", ok=True, data="in time")]
+
+    answering(*[answer] * 1000)
     assert control.status() == "in time"
 
 
 def test_what_is_no_answer_is_passed_over(sockets, answering):
-    control = sockets.keep(Control(sockets.address, context=sockets.context))
+    control = sockets.keep(Control(sockets.address, timeout_s=PATIENCE_S, context=sockets.context))
     other = Reply(v=VERSION, what="health", ok=True, data="other")
     answering(lambda request: [b"\xc1", other, *ok(request)])
     assert control.status() == ["status", {}]
