@@ -112,7 +112,7 @@ def test_where_files_may_not_grow_the_past_stays_and_a_smaller_commit_still_fits
 
 def test_a_process_goes_on_in_new_segments_where_old_ones_cannot_grow(tmp_path: Path) -> None:
     child = spawn(tmp_path, 1, limit_bytes=600_000)
-    out, complaint = child.communicate(timeout=60)
+    out, complaint = child.communicate(timeout=300)
     assert child.returncode == 0, complaint
     lines = [line.split() for line in out.splitlines()]
     assert [word for word, _ in lines].count("full") == 3

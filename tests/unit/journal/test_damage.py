@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -39,13 +39,13 @@ class Sample:
 @pytest.fixture(scope="module")
 def sample(manifest: Manifest, tmp_path_factory: pytest.TempPathFactory) -> Sample:
     folder = tmp_path_factory.mktemp("sample")
-    kinds = (Kind.EVENT, Kind.DECISION, Kind.ESTIMATE)
-    with JournalWriter(folder, manifest) as writer:
+    kinds, rng = (Kind.EVENT, Kind.DECISION, Kind.ESTIMATE), np.random.default_rng(4)
+    with JournalWriter(folder, manifest, wall_ns=lambda: 10**18) as writer:  # the same bytes every time
         for commit in range(2 * SEVERAL):
             if commit == SEVERAL:
                 writer.new_segment(b"state" * 9)
             for i in range(1 + commit % 3):
-                writer.append(kinds[i], f"phone-{i}", 1000 * commit + i, os.urandom(7 * i))
+                writer.append(kinds[i], f"phone-{i}", 1000 * commit + i, rng.bytes(7 * i))
             writer.commit()
         files = {path.name: path.read_bytes() for path in JournalReader(folder).paths()}
         segments = JournalReader(folder).segments()

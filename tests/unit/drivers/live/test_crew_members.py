@@ -61,7 +61,7 @@ sys.stdin.read()
 
 def test_how_a_worker_ended_is_told_and_the_others_go_on() -> None:
     command = [sys.executable, "-W", "error", "-c", ENDS]
-    done = subprocess.run(command, capture_output=True, check=False, encoding="utf-8", timeout=60)  # noqa: S603
+    done = subprocess.run(command, capture_output=True, check=False, encoding="utf-8", timeout=300)  # noqa: S603
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout) == {
         "abort": ["worker 2 (process N) was ended by signal 6", 6],
@@ -77,7 +77,7 @@ def test_a_worker_that_hangs_does_not_outlive_the_process_it_works_for() -> None
     assert engine.stdout is not None
     worker = os.pidfd_open(int(engine.stdout.readline()))
     engine.kill()
-    engine.communicate(timeout=60)
+    engine.communicate(timeout=300)
     try:
         # Readable once the worker has ended.
         assert select.select([worker], [], [], 60.0)[0]
