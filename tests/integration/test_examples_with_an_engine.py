@@ -52,6 +52,6 @@ def test_a_sensor_in_javascript_is_followed_and_heard_of_in_javascript_and_pytho
     assert (heard["device"], heard["type"]) == ("javascript", "estimate")
     assert here.missed == 0
     here.close()
-    with Control(addresses["control"]) as control:
+    with Control(addresses["control"], timeout_s=PATIENCE_S) as control:
         assert control.status()["devices"] == 1
         assert control.subscribe_info()["run"] == addresses["run"]

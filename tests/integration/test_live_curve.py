@@ -40,7 +40,7 @@ def test_commands_come_in_with_their_keys_and_are_told_what_to_do_without(
     said, errors = listener.communicate(timeout=60)
     assert "5 estimates heard" in errors
     assert {json.loads(line).get("device", "survey-F1-01") for line in said.splitlines()} == {"survey-F1-01"}
-    before = json.loads(tickfix("status", control, "--json", *desk).stdout)["intake"]
+    before = json.loads(tickfix("status", control, "--json", "--timeout", "60", *desk).stdout)["intake"]
     assert before["accepted"] > 100
     assert not before["unauthorised"]
 
@@ -51,7 +51,7 @@ def test_commands_come_in_with_their_keys_and_are_told_what_to_do_without(
     # A key that is not listed, one listed for other ports, and none: nothing comes in, and nobody waits in vain.
     done = tickfix("send", one, "--to", sensors, "--speed", "0", *stranger, code=2)
     assert "the engine does not let this key in here; put it on the engine's allow-list" in done.stderr
-    assert "tickfix keys allow" in tickfix("status", control, *phone, code=2).stderr
+    assert "tickfix keys allow" in tickfix("status", control, "--timeout", "60", *phone, code=2).stderr
     done = tickfix("listen", positions, code=2)
     assert "the engine asks for a key, and none was given" in done.stderr
     assert "tickfix keys new" in done.stderr

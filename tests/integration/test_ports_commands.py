@@ -123,19 +123,19 @@ def test_listen_prints_estimates_with_keys_that_the_command_made(
 
     hub = open_hub(keys=keys)
     hub.publish([estimate(1)])
-    plain = tickfix("listen", hub.addresses.positions, "--count", 1, "--timeout", 30, "--key", keys / "desk.key")
+    plain = tickfix("listen", hub.addresses.positions, "--count", 1, "--timeout", 60, "--key", keys / "desk.key")
     assert plain.stdout == "phone fusion tick 1: F1    12.50    -3.25 m ± 3.0 m tracking\n"
     assert "1 estimates heard" in plain.stderr
     as_json = tickfix(
         "listen", hub.addresses.positions, "--topic", "device/office/phone/", "--count", 1, "--json",
-        "--timeout", 30, "--key", keys / "desk.key",
+        "--timeout", 60, "--key", keys / "desk.key",
     )  # fmt: skip
     heard = json.loads(as_json.stdout)
     assert (heard["device"], heard["tick"], heard["belief"]["xy"]) == ("phone", 1, [12.5, -3.25])
-    assert json.loads(tickfix("status", hub.addresses.control, "--json", "--key", keys / "desk.key").stdout) == STATUS
+    assert json.loads(tickfix("status", hub.addresses.control, "--json", "--timeout", 60, "--key", keys / "desk.key").stdout) == STATUS
 
     assert "allows desk no longer" in tickfix("keys", "withdraw", "desk", "--folder", keys).stdout
-    refused = tickfix("status", hub.addresses.control, "--timeout", 0.5, "--key", keys / "desk.key", code=2)
+    refused = tickfix("status", hub.addresses.control, "--timeout", 60, "--key", keys / "desk.key", code=2)
     assert "the engine does not let this key in here; put it on the engine's allow-list" in refused.stderr
 
 
