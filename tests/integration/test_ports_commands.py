@@ -132,7 +132,12 @@ def test_listen_prints_estimates_with_keys_that_the_command_made(
     )  # fmt: skip
     heard = json.loads(as_json.stdout)
     assert (heard["device"], heard["tick"], heard["belief"]["xy"]) == ("phone", 1, [12.5, -3.25])
-    assert json.loads(tickfix("status", hub.addresses.control, "--json", "--timeout", 60, "--key", keys / "desk.key").stdout) == STATUS
+    assert (
+        json.loads(
+            tickfix("status", hub.addresses.control, "--json", "--timeout", 60, "--key", keys / "desk.key").stdout
+        )
+        == STATUS
+    )
 
     assert "allows desk no longer" in tickfix("keys", "withdraw", "desk", "--folder", keys).stdout
     refused = tickfix("status", hub.addresses.control, "--timeout", 60, "--key", keys / "desk.key", code=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -69,9 +70,7 @@ class Control:
             RefusedError: when the engine cannot do it, with its words.
         """
         deadline_s = self._clock() + self._timeout_s
-        # Where the engine has let nobody in, there is nowhere to send to, and sending would wait for ever.
-        if self._wait(zmq.POLLOUT, deadline_s):
-            self._socket.send(packed({"v": VERSION, "type": "request", "what": what, "args": args}), zmq.NOBLOCK)
+        self._send(packed({"v": VERSION, "type": "request", "what": what, "args": args}), deadline_s)
         while self._wait(zmq.POLLIN, deadline_s):
             answer = unpacked(self._socket.recv_multipart()[-1])
             if answer is None:
@@ -153,6 +152,13 @@ class Control:
     def _open(self) -> None:
         self._socket = open_socket(zmq.DEALER, self._keys, self._context)
         self._door = Door(self._socket, self._address, self._keys)
+
+    def _send(self, request: bytes, deadline_s: float) -> None:
+        """Send in time or not at all: an engine that shuts this client out leaves nowhere to send to."""
+        while self._wait(zmq.POLLOUT, deadline_s):
+            with contextlib.suppress(zmq.Again):  # it may have done so just now
+                self._socket.send(request, zmq.NOBLOCK)
+                return
 
     def _wait(self, event: int, deadline_s: float) -> bool:
         """Wait until something can be sent, or was answered; return whether that is so in time."""
