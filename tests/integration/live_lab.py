@@ -37,8 +37,10 @@ pdr = "steps"
 fingerprint = "wknn"
 filter = "kalman"
 """
-CALM = f"{LIGHT}[live]\ncoast_s = 0.0\n"
-"""For undisturbed runs: the same tracks, and no tick beyond the data however slow the sender is."""
+WAITING = "[live]\ncoast_s = 0.0\n"
+"""No tick beyond the data, however slow the sender is."""
+CALM = LIGHT + WAITING
+"""For undisturbed runs."""
 
 
 _OURS = 200

@@ -19,6 +19,7 @@ from live_lab import (
     CALM,
     LIGHT,
     PATIENCE_S,
+    WAITING,
     Lab,
     Process,
     adds_up,
@@ -210,11 +211,11 @@ def test_an_engine_that_hangs_is_restarted_without_the_culprit(
 def test_a_pipeline_that_raises_or_says_nan_harms_only_itself(
     lab: Lab, walks: list[Path], package: Callable[..., Mapping[str, str]]
 ) -> None:
-    calm = lab.serve(pipeline("kalman", "kalman"), "--journal", lab.place / "calm")
+    calm = lab.serve(pipeline("kalman", "kalman") + WAITING, "--journal", lab.place / "calm")
     outcome(lab.send(calm, walks[0], "--speed", "0"))
     calm.stop()
     lab.env |= package("failing_filters", FAILING)
-    config = pipeline("raising", "raising") + pipeline("nan", "nan") + pipeline("kalman", "kalman")
+    config = pipeline("raising", "raising") + pipeline("nan", "nan") + pipeline("kalman", "kalman") + WAITING
     engine = lab.serve(config, "--journal", lab.place / "journal")
     outcome(lab.send(engine, walks[0], "--speed", "0"))
     with engine.control() as control:
