@@ -40,7 +40,7 @@ class Engine:
         self.seen = Sequence()
         self.counted = []
         self.loop = Loop(self.hub, self._outcome)
-        self.thread = threading.Thread(target=self.loop.run)
+        self.thread = threading.Thread(target=self.loop.run, daemon=True)
         self.thread.start()
 
     def _outcome(self, incoming):

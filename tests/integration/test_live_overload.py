@@ -89,7 +89,7 @@ def test_overload_is_announced_refuses_new_devices_keeps_the_old_and_ends_by_its
         engine.control() as control,
     ):
         until(lambda: listener.receive(0.05) is None and listener.heartbeat is not None)
-        walker = threading.Thread(target=walk)
+        walker = threading.Thread(target=walk, daemon=True)
         walker.start()
         assert "new devices are refused" in engine.notice("overload")
         new.pressure(S, 1000.0)

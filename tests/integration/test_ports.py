@@ -65,7 +65,7 @@ def run_loop() -> Iterator[Callable[..., Loop]]:
 
     def start(hub: Hub, **more: Any) -> Loop:
         loop = Loop(hub, **more)
-        thread = threading.Thread(target=loop.run)
+        thread = threading.Thread(target=loop.run, daemon=True)
         thread.start()
         loops.append((loop, thread))
         return loop
