@@ -91,6 +91,8 @@ class Process:
         """Return the first line that is wanted, waiting for it."""
         with self.changed:
             found = self.changed.wait_for(lambda: next(filter(wanted, self.lines), None) or self._ended(), PATIENCE_S)
+        if self._ended():
+            self.wait_until_read()
         line = next(filter(wanted, self.lines), None)
         assert found, f"no {what}: {self.lines} {''.join(self.errors)}"
         assert line is not None, f"ended without {what}: {self.lines} {''.join(self.errors)}"
