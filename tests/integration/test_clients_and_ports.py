@@ -142,7 +142,7 @@ def test_a_listener_gets_the_last_value_and_then_what_comes(engine, context):
 
 
 def test_control_is_answered(engine, context):
-    with Control(engine.addresses.control, context=context) as control:
+    with Control(engine.addresses.control, timeout_s=PATIENCE_S, context=context) as control:
         for what in REQUESTS:
             assert control.request(what), what
         assert control.subscribe_info()["run"] == "r1"
@@ -164,7 +164,7 @@ def test_keys_open_the_doors_they_are_for(context, tmp_path):
         sensor.pressure(1, 1000.0)
         assert sensor.flush(PATIENCE_S)
         assert sensor.outcomes == {"unauthorised": 1}
-    with Control(engine.addresses.control, keys=keys, context=context) as control:
+    with Control(engine.addresses.control, keys=keys, timeout_s=PATIENCE_S, context=context) as control:
         assert control.status() == {"asked": "status"}
     engine.hub.publish([said(1)])
     with Listener(engine.addresses.positions, keys=keys, context=context) as listener:

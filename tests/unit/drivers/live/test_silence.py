@@ -66,7 +66,7 @@ def test_one_that_sleeps_or_is_stopped_is_silent_for_as_long_as_it_lasts(started
 @pytest.mark.skipif(not LINUX, reason="only Linux tells who waits for a processor")
 def test_one_that_is_not_let_run_is_hardly_silent(started: ExitStack) -> None:
     processor = min(os.sched_getaffinity(0))
-    for _ in range(4):
+    for _ in range(8):
         run(started, SPIN, 0, processor)
     starved = run(started, SPIN, 19, processor)
     seen_s, passed_s = counted(starved.pid, 1.5)
