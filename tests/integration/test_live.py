@@ -340,7 +340,7 @@ def test_an_engine_that_follows_settles_what_it_has_when_it_is_drained(lab: Lab,
     _until_followed(lab, leader, (second,))
     with Sensor(leader.at["sensors"], "phone") as phone, second.control() as control:
         phone.pressure(10_000_000_000, 1000.0)
-        phone.flush(1.0)
+        assert phone.flush(PATIENCE_S)
         until(lambda: control.devices() and control.devices()[-1]["device"] == "phone")
         assert control.drain()
     assert second.popen.wait(PATIENCE_S) == 0
@@ -366,7 +366,7 @@ def _until_followed(lab: Lab, leader: Process, followers: tuple[Process, ...]) -
                     return bool(control.status()["followed"].get("records"))  # type: ignore[attr-defined]
 
                 until(heard)
-        probe.bye()
+        assert probe.bye(PATIENCE_S)
 
 
 def _records(journal: Path) -> int:
