@@ -13,7 +13,8 @@ from lab import examples
 
 from tickfix.api import Context, Prior, pack
 from tickfix.plugins import discover
-from tickfix.testing import together, world
+from tickfix.testing import world
+from tickfix.testing.filters import together
 
 FILTERS = {offer.cls.name: offer.cls for offer in discover().offers if offer.kind == "filter"}
 OF_MANY = sorted(name for name, cls in FILTERS.items() if hasattr(cls, "step_many"))
