@@ -19,7 +19,7 @@ from tickfix.ports.waking import Errands
 
 _ERRANDS: Final = 32
 _LOOK_NS: Final = 500_000_000
-_ROUND_NS: Final = 2_000_000
+_ROUND_NS: Final = 1_000_000
 """Where nothing is left to do, rounds begin no closer: waking for every message would cost more than serving it."""
 
 
