@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
@@ -58,13 +58,6 @@ def tickfix_register():
 ONLY = '[pipelines.hanging]\npdr = "steps"\nfingerprint = "wknn"\nfilter = "hanging"\n'
 BESIDE = ONLY + '[pipelines.kalman]\npdr = "steps"\nfingerprint = "wknn"\nfilter = "kalman"\n'
 LIVE = "[live]\nwatchdog_s = 1.5\n"
-
-
-@pytest.fixture
-def lab(site: Path, tmp_path: Path) -> Iterator[Lab]:
-    lab = Lab(site, tmp_path)
-    yield lab
-    lab.end()
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from tickfix.client.connection import (
     VERSION,
     ClientError,
     Keys,
-    ShutOutError,
     open_socket,
     packed,
     unpacked,
@@ -166,8 +165,7 @@ class Control:
         poller.register(self._socket, event)
         poller.register(self._door.monitor, zmq.POLLIN)
         while not int(self._socket.get(zmq.EVENTS)) & event:
-            if self._door.shut:
-                raise ShutOutError(f"{self._address}: {self._door.shut}")
+            self._door.check()
             if not poller.poll(int(max(0.0, 1000.0 * (deadline_s - self._clock()))) + 1):
                 return False
             self._door.look()

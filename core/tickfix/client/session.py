@@ -169,7 +169,7 @@ class Session:
         return len(self._outbox)
 
     def __enter__(self) -> Self:
-        """Return the sensor itself."""
+        """Return the session itself."""
         return self
 
     def __exit__(

@@ -56,7 +56,7 @@ class FusionPfParams(FixErrorParams):
         ),
     ] = 0.6
     aligned_sigma_rad: Annotated[
-        float, parameter("σ of their direction", unit="rad", source="[borenstein2010]", gt=0, le=0.5)
+        float, parameter("σ of their direction", unit="rad", source="[borenstein2010]", ge=0.05, le=0.5)
     ] = 0.15
     aligned_m: Annotated[
         float, parameter("a way this long is one piece of evidence: shorter ones repeat it", unit="m", gt=0)

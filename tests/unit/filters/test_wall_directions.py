@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from walks import errors, fixes, fold, walk
 
+from tickfix import config
 from tickfix.api import Bools, Context, Floats, Floor, Motion
+from tickfix.api.errors import ConfigError
+from tickfix.plugins import discover
 from tickfix_filters.fusion_params import FusionPfParams
 from tickfix_filters.fusion_pf import FusionPf
 from tickfix_filters.fusion_walls import aligned
@@ -68,6 +71,26 @@ def test_ways_of_all_directions_weigh_one_on_average_and_those_along_walls_most(
         assert weights.mean() == pytest.approx(1.0, abs=1e-4)
         assert apart_rad(theta[0, [int(weights.argmax())]], 0.3)[0] < 0.01
         assert weights.min() == pytest.approx(1.0 - params.aligned, abs=0.01)
+
+
+@pytest.mark.parametrize("sigma_rad", [0.05, 0.5])
+def test_weights_are_finite_at_both_ends_of_what_sigma_may_be(sigma_rad: float) -> None:
+    filtered = f'filter = {{ use = "fusion-pf", aligned_sigma_rad = {sigma_rad} }}'
+    assert config.parse(f'[pipelines.p]\npdr = "steps"\nfingerprint = "wknn"\n{filtered}', "test", discover())
+    theta = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)[None]
+    motion = Motion(t0_ns=0, t1_ns=200_000_000, distance_m=0.3, heading_rad=0.0)
+    walls = {"F": WallDirections(floor(HALL))}
+    params = FusionPfParams(aligned_sigma_rad=sigma_rad)
+    found = aligned(theta, np.full((1, 720, 2), 5.0), ["F"], [motion], walls, params)
+    assert np.isfinite(found).all()
+    assert found.max() > 0.0 > found.min()
+
+
+@pytest.mark.parametrize("sigma_rad", [0.01, 0.6])
+def test_other_sigmas_are_refused_by_name(sigma_rad: float) -> None:
+    text = f'[pipelines.p]\npdr = "steps"\nfilter = {{ use = "fusion-pf", aligned_sigma_rad = {sigma_rad} }}'
+    with pytest.raises(ConfigError, match="aligned_sigma_rad"):
+        config.parse(text, "test", discover())
 
 
 class Everywhere:

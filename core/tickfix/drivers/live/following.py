@@ -142,7 +142,7 @@ class Follower:
             self._stopping = self._stopping or stops
         taken = 0
         with suppress(zmq.Again):
-            while ready and taken < _MOST and not self._outbox.full:
+            while ready and taken < _MOST and not self._outbox.full and not self._stopping:
                 self._take(self._socket.recv_multipart(zmq.NOBLOCK), begun_ns)
                 taken += 1
         self._do_steps(begun_ns)
@@ -222,4 +222,3 @@ class Follower:
         self._do_steps(now_ns)
         self._steps = [(Finish(device=each, reason="drained"), each) for each in self._replica.standings()]
         self._do_steps(now_ns)
-        self._stopping = True
