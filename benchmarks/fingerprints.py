@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from tickfix.api import Context, Floats, Ints, RadioMap, Readings, Survey, frozen
-from tickfix.kernel.randomness import Streams
-from tickfix.plugins import discover
+from tickfix.kernel.determinism import RandomStreams
+from tickfix.registry import discover
 
 ROOMS = ("office", "corridor", "lecture_theatre")
 MONTHS = ("01", "02", "03")
@@ -135,7 +135,7 @@ def compare(survey: Scans, queries: Scans, most: int) -> Iterator[Score]:
     yield Score(method="(centre)", errors_m=off, right_floor=np.nan, without_fix=0, ms=0.0)
     for label, cls, params in methods():
         survey_of = Survey(floors=(), radio_map=site, walks=())
-        trained = cls.train(params, survey_of, Streams(0, "benchmark").at(0, 0, cls.name))
+        trained = cls.train(params, survey_of, RandomStreams(0, "benchmark").at(0, 0, cls.name))
         method = cls(params, Context(radio_map=site), trained)
         windows = [window(queries, n, method) for n in asked]
         begun = time.perf_counter()

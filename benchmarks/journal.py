@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tickfix.journal import JournalReader, JournalSettings, JournalWriter, Kind, Manifest
+from tickfix.journal import JournalReader, JournalSettings, JournalWriter, RecordKind, RunManifest
 
-MANIFEST = Manifest(run="benchmark", tickfix_version="", config="", seed=0, probe="", wall_start_ns=0)
+MANIFEST = RunManifest(run="benchmark", tickfix_version="", config="", seed=0, probe="", wall_start_ns=0)
 SHAPES = (  # payload in bytes, records a commit, commits
     (400, 1, 4000),
     (400, 100, 600),
@@ -59,7 +59,7 @@ def measure(folder: Path, size: int, group: int, commits: int) -> None:
         for i in range(commits):
             begun = time.perf_counter()
             for k in range(group):
-                writer.append(Kind.ESTIMATE, "phone-0042", k, payload)
+                writer.append(RecordKind.ESTIMATE, "phone-0042", k, payload)
             appended = time.perf_counter()
             writer.commit()
             committed[i] = time.perf_counter() - appended

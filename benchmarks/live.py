@@ -39,10 +39,10 @@ from live_phones import Script, begin_of, due_ns, name_of, script_of, send
 from tickfix import config
 from tickfix.api import TICK_NS
 from tickfix.client import Control
-from tickfix.drivers.surveying import survey_walks
-from tickfix.plugins import discover
-from tickfix.simulation import demo
-from tickfix.site.folder import save as save_site
+from tickfix.registry import discover
+from tickfix.replay.site_survey import survey_and_train
+from tickfix.simulation import simulate_demo
+from tickfix.site.folder import save_site
 
 PIPELINES = ("kalman", "fusion")
 SETTINGS = """
@@ -194,7 +194,7 @@ def show(result: Result) -> None:
     counts = f"{result.missing} positions missing, {result.refused} messages refused"
     print(f"  {result.devices} devices for {result.seconds:g} s: {verdict}; {counts}")
     print(f"    last sample to position   p50 {p50:8.1f} ms   p99 {p99:8.1f} ms")
-    for name, key in (("tick lateness", "lateness_ms"), ("work a round", "work_ms")):
+    for name, key in (("tick lateness", "tick_latency_ms"), ("work a round", "round_duration_ms")):
         spread = result.status[key]
         line = f"p50 {spread['p50']:8.1f} ms   p99 {spread['p99']:8.1f} ms   max {spread['max']:.1f} ms"
         print(f"    {name:25s} {line}")
@@ -222,10 +222,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "live.toml"
         settings.write_text(f"{SETTINGS}[live]\nworkers = {chosen.workers}\n")
-        pipelines = config.load(settings, discover()).pipelines
-        world = demo(seed=0)
+        pipelines = config.load_config(settings, discover()).pipelines
+        world = simulate_demo(seed=0)
         recordings = [walk.recording for walk in world.survey]
-        save_site(survey_walks(recordings, world.building.floors, pipelines, name="demo").site, Path(folder) / "site")
+        save_site(
+            survey_and_train(recordings, world.building.floors, pipelines, name="demo").site, Path(folder) / "site"
+        )
         scripts = [script_of(walk.recording) for walk in world.walks]
         for pipeline in chosen.pipeline or PIPELINES:
             print(pipeline)

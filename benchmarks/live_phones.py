@@ -10,7 +10,7 @@ import numpy as np
 import zmq
 
 from tickfix.api import TICK_NS, MotionSamples, Recording, Samples, Scan
-from tickfix.wire import from_event
+from tickfix.wire import event_to_message
 
 PER_CONNECTION = 150
 """Phones behind one connection: 5.4 messages a second each, and an engine takes 1000 a second from a connection."""
@@ -58,14 +58,14 @@ def script_of(recording: Recording) -> Script:
         while waiting and waiting[0].arrival_ns <= ends_ns:
             seq, number = seq + 1, number + 1
             scan = replace(waiting.pop(0), device=device, session="benchmark", seq=seq)
-            leaving.append((number, from_event(scan)))
+            leaving.append((number, event_to_message(scan)))
         scans.append(leaving)
         sensors = {}
         for name, (t_ns, values) in streams.items():
             begin, end = np.searchsorted(t_ns, [ends_ns - TICK_NS, ends_ns], side="right")
             sensors[name] = Samples(t_ns[begin:end], values[begin:end])
         seq += 1
-        batches.append(from_event(MotionSamples(sensors=sensors, device=device, session="benchmark", seq=seq)))
+        batches.append(event_to_message(MotionSamples(sensors=sensors, device=device, session="benchmark", seq=seq)))
     return Script(first, batches, scans)
 
 

@@ -24,12 +24,12 @@ import numpy as np
 
 from tickfix import config
 from tickfix.api import Belief, Motion, Observation, Prior, Recording, Report, Rng
-from tickfix.drivers.replay import replay
-from tickfix.drivers.surveying import context_of, survey_walks
 from tickfix.kernel import Pipeline
-from tickfix.kernel.randomness import Streams
-from tickfix.plugins import discover
-from tickfix.simulation import demo
+from tickfix.kernel.determinism import RandomStreams
+from tickfix.registry import discover
+from tickfix.replay.driver import replay_recording
+from tickfix.replay.site_survey import site_context, survey_and_train
+from tickfix.simulation import simulate_demo
 
 SIZES = (1, 5, 25, 100)
 STEPS = 2000
@@ -63,13 +63,13 @@ class Listening:
 def heard(recording: Recording, pipeline: Pipeline) -> list[Tick]:
     """Return what the pipeline's filter is given on a walk, tick by tick."""
     listening = Listening(pipeline.filter.algorithm)
-    replay(recording, [replace(pipeline, filter=replace(pipeline.filter, algorithm=listening))])
+    replay_recording(recording, [replace(pipeline, filter=replace(pipeline.filter, algorithm=listening))])
     return [listening.ticks[t_ns] for t_ns in sorted(listening.ticks)]
 
 
 def device_tick_us(algorithm: Any, walks: Sequence[Sequence[Tick]], devices: int) -> Mapping[str, float]:
     """Return the time per device and tick in µs of ``step`` and of ``estimate``, for so many devices together."""
-    streams = [Streams(0, str(d)) for d in range(devices)]
+    streams = [RandomStreams(0, str(d)) for d in range(devices)]
     at = [7 * d for d in range(devices)]
     states = [first_state(algorithm, walks[d % len(walks)], streams[d]) for d in range(devices)]
     taken: dict[str, list[float]] = {"step": [], "estimate": []}
@@ -95,7 +95,7 @@ def device_tick_us(algorithm: Any, walks: Sequence[Sequence[Tick]], devices: int
     return {name: statistics.median(np.mean(part) for part in np.array_split(us, 10)) for name, us in taken.items()}
 
 
-def first_state(algorithm: Any, walk: Sequence[Tick], streams: Streams) -> Any:
+def first_state(algorithm: Any, walk: Sequence[Tick], streams: RandomStreams) -> Any:
     """Return the state at the first fix of a walk."""
     fix = next(o.fix for _, observations in walk for o in observations if o.fix is not None)
     return algorithm.start(Prior(t_ns=fix.t_ns, fix=fix), streams.at(0, 0, "start"))
@@ -103,16 +103,16 @@ def first_state(algorithm: Any, walk: Sequence[Tick], streams: Streams) -> Any:
 
 def main() -> None:
     """Measure and print."""
-    chosen = config.load(None, discover())
-    world = demo(seed=0)
+    chosen = config.load_config(None, discover())
+    world = simulate_demo(seed=0)
     recordings = [walk.recording for walk in world.survey]
-    site = survey_walks(recordings, world.building.floors, chosen.pipelines, name="demo").site
+    site = survey_and_train(recordings, world.building.floors, chosen.pipelines, name="demo").site
     names = sys.argv[1:] or ["fusion", "kalman"]
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     print(f"one thread, {machine}, numpy {np.__version__}; µs of one device's tick")
     for wanted in chosen.pipelines:
         if wanted.name in names:
-            pipeline = config.build([wanted], context_of(site), site.models)[0]
+            pipeline = config.build_pipelines([wanted], site_context(site), site.models)[0]
             walks = [heard(walk.recording, pipeline) for walk in world.walks]
             for devices in SIZES:
                 us = device_tick_us(pipeline.filter.algorithm, walks, devices)

@@ -18,10 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from tickfix.api import Samples
-from tickfix_pdr.extrema import Extremum, SignalState, fold_signal
-from tickfix_pdr.multi_threshold import MultiThresholdParams
-from tickfix_pdr.multi_threshold_detector import StepState, Thresholds, fold_extrema
-from tickfix_pdr.step_detector import GaitState, detect_steps
+from tickfix.toolkit.step_signal import Extremum, GaitState, SignalState, detect_extrema, detect_steps
+from tickfix_pdr.multi_threshold import MultiThresholdParams, StepState, StepThresholds, detect_steps_from_extrema
 from tickfix_pdr.steps import StepsParams
 
 LOW_PASS_HZ = (1.5, 2.0, 2.5, 3.0, 4.0)
@@ -57,10 +55,12 @@ def multi_threshold(walk: Walk) -> Mapping[Choice, int]:
     """Return the steps that ``multi-threshold`` finds with each low-pass, amplitude and time between peaks."""
     counts = {}
     for low_pass_hz in LOW_PASS_HZ:
-        extrema: Sequence[Extremum] = fold_signal(SignalState(), walk.accelerometer, low_pass_hz)[1]
-        for amplitude, between_s in product(AMPLITUDES, BETWEEN_S):
-            thresholds = Thresholds(amplitude, between_s, MultiThresholdParams().standing_s)
-            counts[low_pass_hz, amplitude, between_s] = len(fold_extrema(StepState(), extrema, thresholds)[1])
+        extrema: Sequence[Extremum] = detect_extrema(SignalState(), walk.accelerometer, low_pass_hz)[1]
+        for amplitude, min_peak_interval_s in product(AMPLITUDES, BETWEEN_S):
+            thresholds = StepThresholds(amplitude, min_peak_interval_s, MultiThresholdParams().stationary_after_s)
+            counts[low_pass_hz, amplitude, min_peak_interval_s] = len(
+                detect_steps_from_extrema(StepState(), extrema, thresholds)[1]
+            )
     return counts
 
 
@@ -71,9 +71,13 @@ def steps(walk: Walk) -> Mapping[Choice, int]:
 
 def count_by_steps(walk: Walk, choice: Choice) -> int:
     """Return the steps that the pdr ``steps`` finds with one choice."""
-    low_pass_hz, threshold, shortest_s = choice
+    low_pass_hz, threshold, min_step_interval_s = choice
     found = detect_steps(
-        GaitState(), walk.accelerometer, low_pass_hz=low_pass_hz, threshold=threshold, shortest_s=shortest_s
+        GaitState(),
+        walk.accelerometer,
+        low_pass_hz=low_pass_hz,
+        threshold=threshold,
+        min_step_interval_s=min_step_interval_s,
     )
     return len(found[1])
 
@@ -123,7 +127,7 @@ def main() -> None:
     told = Path(os.environ.get("TICKFIX_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
     walks = read(Path(sys.argv[1]) if len(sys.argv) > 1 else told / "oxford-step-counter")
     p = StepsParams()
-    shipped = [count_by_steps(walk, (p.low_pass_hz, p.threshold, p.shortest_s)) for walk in walks]
+    shipped = [count_by_steps(walk, (p.low_pass_hz, p.threshold, p.min_step_interval_s)) for walk in walks]
     columns = {
         "multi-threshold": [found for _, _, found in leaving_the_person_out(walks, multi_threshold)],
         "steps": [found for _, _, found in leaving_the_person_out(walks, steps)],

@@ -18,10 +18,10 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from tickfix import config
-from tickfix.drivers.replay import replay
-from tickfix.drivers.surveying import context_of, survey_walks
-from tickfix.plugins import discover
-from tickfix.simulation import demo
+from tickfix.registry import discover
+from tickfix.replay.driver import replay_recording
+from tickfix.replay.site_survey import site_context, survey_and_train
+from tickfix.simulation import simulate_demo
 
 REPEATS = 5
 
@@ -29,18 +29,18 @@ REPEATS = 5
 def main() -> None:
     """Measure and print."""
     registry = discover()
-    chosen = config.load(Path(sys.argv[1]) if len(sys.argv) > 1 else None, registry)
-    world = demo(seed=0)
+    chosen = config.load_config(Path(sys.argv[1]) if len(sys.argv) > 1 else None, registry)
+    world = simulate_demo(seed=0)
     recordings = [walk.recording for walk in world.survey]
-    site = survey_walks(recordings, world.building.floors, chosen.pipelines, name="demo").site
+    site = survey_and_train(recordings, world.building.floors, chosen.pipelines, name="demo").site
     walk = world.walks[0].recording
     print(f"one device, one thread, {platform.machine()}, Python {platform.python_version()}")
     for pipeline in chosen.pipelines:
-        built = config.build([pipeline], context_of(site), site.models)
+        built = config.build_pipelines([pipeline], site_context(site), site.models)
         taken = []
         for _ in range(REPEATS):
             begun = time.process_time()
-            ticks = len(replay(walk, built).settled[pipeline.name])
+            ticks = len(replay_recording(walk, built).settled[pipeline.name])
             taken.append((time.process_time() - begun) / ticks)
         print(f"  {pipeline.name:16s} {1e6 * statistics.median(taken):8.0f} µs a tick, {ticks} ticks")
 

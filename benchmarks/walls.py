@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from tickfix.api import Bools, Context, Floats
-from tickfix.simulation import demo
+from tickfix.simulation import simulate_demo
 from tickfix_maps.walls import Walls, WallsParams, wall_segments
 
 MOVES = 1000
@@ -25,7 +25,7 @@ REPEATS = 200
 
 def main() -> None:
     """Measure and print."""
-    floor = demo(seed=0).building.floors[0]
+    floor = simulate_demo(seed=0).building.floors[0]
     walls = Walls(WallsParams(), Context(floor=floor))
     segments = wall_segments(floor)
     rng = np.random.default_rng(0)

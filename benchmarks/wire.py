@@ -26,8 +26,8 @@ from tickfix.wire import (
     decode_message,
     encode_estimate,
     encode_event,
-    from_event,
-    to_event,
+    event_to_message,
+    message_to_event,
     unknown_fields,
 )
 
@@ -98,8 +98,8 @@ def refused(data: bytes) -> None:
 def main() -> None:
     """Measure and print."""
     samples, heard = motion(), scan(50)
-    sent, listed, heard_sent = from_event(samples, ack=True), as_lists(samples), from_event(heard)
-    fix = from_event(Fix(t_ns=1, floor="F1", xy=[1.0, 2.0], device="phone-17"))
+    sent, listed, heard_sent = event_to_message(samples, ack=True), as_lists(samples), event_to_message(heard)
+    fix = event_to_message(Fix(t_ns=1, floor="F1", xy=[1.0, 2.0], device="phone-17"))
     canonical, plain, mixed = encode_event(samples), estimate(0), estimate(8)
     body = encode_estimate(plain)
     # Nine bytes of text in place of the last float64.
@@ -109,10 +109,12 @@ def main() -> None:
         "encode_estimate, 8 Gaussians": lambda: encode_estimate(mixed),
         "decode_estimate": lambda: decode_estimate(body),
         f"motion 4 × 50, bin, {len(sent)} bytes: decode_message": lambda: decode_message(sent, LIMITS),
-        "  and to_event": lambda: to_event(decode_message(sent, LIMITS), 1),
-        f"motion 4 × 50, lists, {len(listed)} bytes: both": lambda: to_event(decode_message(listed, LIMITS), 1),
-        f"scan of 50, bin, {len(heard_sent)} bytes: both": lambda: to_event(decode_message(heard_sent, LIMITS), 1),
-        f"fix, {len(fix)} bytes: both": lambda: to_event(decode_message(fix, LIMITS), 1),
+        "  and to_event": lambda: message_to_event(decode_message(sent, LIMITS), 1),
+        f"motion 4 × 50, lists, {len(listed)} bytes: both": lambda: message_to_event(decode_message(listed, LIMITS), 1),
+        f"scan of 50, bin, {len(heard_sent)} bytes: both": lambda: message_to_event(
+            decode_message(heard_sent, LIMITS), 1
+        ),
+        f"fix, {len(fix)} bytes: both": lambda: message_to_event(decode_message(fix, LIMITS), 1),
         "unknown_fields of the motion": lambda: unknown_fields(sent),
         "encode_event of the motion": lambda: encode_event(samples),
         "decode_event of the motion": lambda: decode_event(canonical),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from tickfix.api import Trained
-from tickfix.kernel.randomness import Streams
-from tickfix.plugins import discover
+from tickfix.api import TrainedModel
+from tickfix.kernel.determinism import RandomStreams
+from tickfix.registry import discover
 from tickfix.testing import AlgorithmContract, FilterContract, FingerprintContract, MapContract, PdrContract, world
 
 CONTRACTS: dict[str, type[AlgorithmContract]] = {
@@ -29,7 +29,7 @@ def contract_of(kind: str, cls: type[Any]) -> type[AlgorithmContract]:
     return type(f"Test{cls.__name__}", (CONTRACTS[kind],), body)
 
 
-def lesson(cls: type[Any]) -> Trained | None:
+def lesson(cls: type[Any]) -> TrainedModel | None:
     """Return what the kit's survey teaches an algorithm that cannot do without, None for all others."""
     if not hasattr(cls, "train"):
         return None
@@ -38,7 +38,9 @@ def lesson(cls: type[Any]) -> Trained | None:
     except ValueError as error:
         if "survey again" in str(error):
             # With the generator that a survey hands out, which cannot do all that numpy's default one can.
-            trained: Trained = cls.train(cls.Params(), world.survey(), Streams(0, "survey").at(0, 0, cls.name))
+            trained: TrainedModel = cls.train(
+                cls.Params(), world.survey(), RandomStreams(0, "survey").at(0, 0, cls.name)
+            )
             return trained
     return None
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from tickfix_alpha_beta.alpha_beta import AlphaBeta
 
 from tickfix.api import Context
-from tickfix.config import build, parse
-from tickfix.plugins import Registry, discover
+from tickfix.config import build_pipelines, parse_config
+from tickfix.registry import Registry, discover
 from tickfix.testing import FilterContract
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "plugin"
@@ -38,6 +38,6 @@ def test_a_pipeline_can_choose_it_by_name() -> None:
     mine = registry().get("filter", "alpha-beta")
     both = Registry([*discover().offers, mine])
     text = '[pipelines.mine]\npdr = "steps"\nfilter = { use = "alpha-beta", alpha = 0.3 }\n'
-    (pipeline,) = build(parse(text, "mine.toml", both).pipelines, Context(), {})
+    (pipeline,) = build_pipelines(parse_config(text, "mine.toml", both).pipelines, Context(), {})
     assert isinstance(pipeline.filter.algorithm, AlphaBeta)
     assert pipeline.filter.algorithm.params.alpha == 0.3

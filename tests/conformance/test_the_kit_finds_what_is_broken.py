@@ -40,7 +40,7 @@ from tickfix.testing import (
     PdrContract,
     world,
 )
-from tickfix.testing.world import PlainMap
+from tickfix.testing.world import ReferenceMap
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class GoodMap(BaseMap[NoParams]):
 
     def __init__(self, params: Any, context: Any, trained: Any = None) -> None:
         super().__init__(params, context, trained)
-        self._plain = PlainMap(context.floor)
+        self._plain = ReferenceMap(context.floor)
 
     def contains(self, xy: Any) -> Any:
         return self._plain.contains(xy)
@@ -632,7 +632,7 @@ def test_importing_a_clock_by_name_is_noticed() -> None:
     with pytest.raises(ContractError, match=r"imports .*time\.perf_counter"):
         type(
             "TestIt", (FilterContract,), {"algorithm": cls}
-        )().test_nothing_is_imported_that_tells_the_time_or_throws_dice()
+        )().test_nothing_is_imported_that_tells_the_time_or_draws_random_numbers()
 
 
 def caught(contract: type[AlgorithmContract], cls: type[Any], check: str, says: str) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from tickfix.api import Context, Fix
-from tickfix.config import build, parse
+from tickfix.config import build_pipelines, parse_config
 from tickfix.kernel import Kernel, KernelSettings
-from tickfix.plugins import Registry, discover
+from tickfix.registry import Registry, discover
 
 PAGE = (Path(__file__).parents[2] / "docs" / "write-a-plugin.md").read_text("utf-8")
 
@@ -56,10 +56,10 @@ def test_its_package_is_found_and_keeps_the_contract(registry: Registry) -> None
 
 def test_its_configuration_runs(registry: Registry) -> None:
     everything = Registry([*discover().offers, *registry.offers])
-    config = parse(block("mine.toml"), "mine.toml", everything)
+    config = parse_config(block("mine.toml"), "mine.toml", everything)
     assert [p.name for p in config.pipelines] == ["wifi", "mine"]
     text = '[pipelines.mine]\npdr = "steps"\nfilter = { use = "smoother", gain = 0.5 }\n'
-    pipelines = build(parse(text, "mine.toml", everything).pipelines, Context(), {})
+    pipelines = build_pipelines(parse_config(text, "mine.toml", everything).pipelines, Context(), {})
     kernel = Kernel(pipelines, KernelSettings(strict=True, repack=True))
     for second in range(1, 20):
         fix = Fix(t_ns=second * 10**9, floor="F", xy=np.array([float(second), 0.0]), device="d")
@@ -71,4 +71,6 @@ def test_its_configuration_runs(registry: Registry) -> None:
 
 def test_the_messages_it_explains_are_those_that_tickfix_gives(registry: Registry) -> None:
     with pytest.raises(Exception, match=r"gain: found 2\.0; expected number > 0 and ≤ 1"):
-        parse(block("mine.toml").replace("0.5", "2.0"), "mine.toml", Registry([*discover().offers, *registry.offers]))
+        parse_config(
+            block("mine.toml").replace("0.5", "2.0"), "mine.toml", Registry([*discover().offers, *registry.offers])
+        )

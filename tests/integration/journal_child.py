@@ -14,12 +14,12 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from tickfix.journal import JournalFull, JournalSettings, JournalWriter, Kind, Manifest
+from tickfix.journal import JournalFull, JournalSettings, JournalWriter, RecordKind, RunManifest
 
-MANIFEST = Manifest(
+MANIFEST = RunManifest(
     run="r-1", tickfix_version="0.1.0", config="", seed=0, probe="", wall_start_ns=1, plugins={"tickfix": "0.1.0"}
 )
-KINDS = (Kind.EVENT, Kind.DECISION, Kind.ESTIMATE, Kind.REVISION)
+KINDS = (RecordKind.EVENT, RecordKind.DECISION, RecordKind.ESTIMATE, RecordKind.REVISION)
 
 
 def payload_of(number: int) -> bytes:
@@ -50,12 +50,12 @@ def main(folder: Path, first_number: int, limit_bytes: int) -> None:
         except JournalFull:
             refused += 1
             say("full", writer.discard())
-            writer.new_segment(payload_of(writer.next_number))
+            writer.roll_segment(payload_of(writer.next_number))
             continue
         say("committed", number)
         writer.when_durable(number, partial(say, "durable", number))
-        if writer.wants_segment():
-            writer.new_segment(payload_of(writer.next_number))
+        if writer.should_roll_segment():
+            writer.roll_segment(payload_of(writer.next_number))
             say("committed", writer.next_number - 1)
     writer.close()
 

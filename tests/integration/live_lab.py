@@ -21,8 +21,8 @@ from stored_floor import Command
 
 from tickfix.api import Estimate
 from tickfix.client import Control, Listener
-from tickfix.evaluation.track import Track, digest
-from tickfix.journal import JournalReader, Kind
+from tickfix.evaluation.tracks import Track, digest
+from tickfix.journal import JournalReader, RecordKind
 from tickfix.wire import decode_estimate
 
 PATIENCE_S = 90.0
@@ -207,7 +207,7 @@ def outcome(sender: subprocess.Popen[str]) -> dict[str, Any]:
 def estimates(journal: Path) -> Iterator[Estimate]:
     """Yield what a journal says was said."""
     for record in JournalReader(journal).records(on_damage=lambda _: None):
-        if record.kind in (Kind.ESTIMATE, Kind.REVISION):
+        if record.kind in (RecordKind.ESTIMATE, RecordKind.REVISION):
             yield decode_estimate(record.payload)
 
 

@@ -16,7 +16,7 @@ from live_lab import PATIENCE_S
 
 from tickfix.api import Event, Ints, MotionSamples, Recording, Samples, Scan, Truth
 from tickfix.simulation import office_building, simulate_walks
-from tickfix.wire import from_event
+from tickfix.wire import event_to_message
 
 WINDOW = 24
 """Messages that may wait for their answers; an engine keeps 32 for a connection that does not read."""
@@ -66,7 +66,7 @@ def letters(device: str, walk: Recording, clock: Clock = lambda t_ns: t_ns) -> l
                 at_ns=event.arrival_ns - began_ns,
                 device=device,
                 seq=seq,
-                body=from_event(told, ack=True),
+                body=event_to_message(told, ack=True),
                 measurements=len(t_ns) if isinstance(event, MotionSamples) else 1,
                 is_scan=isinstance(event, Scan),
             )

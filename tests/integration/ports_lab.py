@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 import zmq
 
-from tickfix.kernel import Outcome
-from tickfix.ports import Addresses, Command, Hub, Incoming, PortSettings
-from tickfix.ports.keys import KeyPair, new_pair, read_pair
+from tickfix.kernel import MessageOutcome
+from tickfix.ports import ControlCommand, Hub, InboundMessage, PortAddresses, PortSettings
+from tickfix.ports.authentication import KeyPair, create_key_pair, read_key_pair
 
 PATIENCE_MS = 30_000
 """How long a test waits for what must come; nothing here waits for time to pass."""
@@ -28,7 +28,7 @@ def free_ports(**settings: Any) -> PortSettings:
 def all_done(hub: Hub) -> None:
     """Wait until the thread of the ports has done what it was told so far, and noted all that was taken from it."""
     done = threading.Event()
-    hub._errands.add(done.set)  # errands are run in their order, and rounds begin with them
+    hub._call_queue.add(done.set)  # errands are run in their order, and rounds begin with them
     assert done.wait(PATIENCE_MS / 1000)
 
 
@@ -37,15 +37,15 @@ class Loop:
     """A loop that accepts whatever comes, until it is held."""
 
     hub: Hub
-    outcome: Callable[[Incoming], Outcome] = lambda _: Outcome.ACCEPTED
-    taken: list[Incoming] = field(default_factory=list)
-    orders: list[Command] = field(default_factory=list)
+    outcome: Callable[[InboundMessage], MessageOutcome] = lambda _: MessageOutcome.ACCEPTED
+    taken: list[InboundMessage] = field(default_factory=list)
+    orders: list[ControlCommand] = field(default_factory=list)
     ended: threading.Event = field(default_factory=threading.Event)
 
     def run(self) -> None:
         while not self.ended.is_set():
             for item in self.hub.take(0.02):
-                if isinstance(item, Command):
+                if isinstance(item, ControlCommand):
                     self.orders.append(item)
                     item.reply(True, {"did": item.what, **item.args})
                 else:
@@ -120,7 +120,7 @@ def pressure(device: str = "p", **fields: Any) -> bytes:
 
 def make_keys(folder: Path, *names: str) -> dict[str, KeyPair]:
     """Make keys for an engine and others."""
-    return {name: read_pair(new_pair(name, folder).with_suffix(".key")) for name in ("engine", *names)}
+    return {name: read_key_pair(create_key_pair(name, folder).with_suffix(".key")) for name in ("engine", *names)}
 
 
 def allow(folder: Path, *entries: Mapping[str, Any]) -> None:
@@ -135,9 +135,9 @@ def allow(folder: Path, *entries: Mapping[str, Any]) -> None:
 
 __all__ = [
     "PATIENCE_MS",
-    "Addresses",
     "Client",
     "Loop",
+    "PortAddresses",
     "all_done",
     "allow",
     "free_ports",

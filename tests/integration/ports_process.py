@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from ports_lab import Loop, free_ports
 
-from tickfix.ports import Hub, Said
+from tickfix.ports import Hub, Publication
 
 
 def main() -> None:
@@ -21,7 +21,7 @@ def main() -> None:
     where = {"sensors": addresses.sensors, "positions": addresses.positions, "control": addresses.control}
     sys.stdout.write(json.dumps(where) + "\n")
     sys.stdout.flush()
-    hub.publish([Said("estimate", "office", "F1", "p", "fusion", b"body")])
+    hub.publish([Publication("estimate", "office", "F1", "p", "fusion", b"body")])
     loop = Loop(hub)
     thread = threading.Thread(target=loop.run)
     thread.start()

@@ -16,14 +16,13 @@ from live_lab import until
 from ports_lab import PATIENCE_MS, Loop, all_done, allow, free_ports, make_keys
 
 from tickfix.api import Belief, Estimate, Status
-from tickfix.client import Control, Keys, Listener, NoAnswerError, RefusedError, Sensor, ShutOutError
-from tickfix.kernel import Outcome
-from tickfix.kernel.intake import Sequence
+from tickfix.client import AccessDeniedError, Control, Keys, Listener, RequestRefusedError, RequestTimeoutError, Sensor
+from tickfix.kernel import MessageOutcome
+from tickfix.kernel.deduplication import SequenceWindow
 from tickfix.ports import Hub
-from tickfix.ports.clock import Clock
-from tickfix.ports.positions import Said
-from tickfix.ports.settings import PeerLimits
-from tickfix.wire import REQUESTS, Hello, encode_estimate
+from tickfix.ports.port_settings import Clock, PeerLimits
+from tickfix.ports.publishers import Publication
+from tickfix.wire import CONTROL_REQUESTS, Hello, encode_estimate
 
 PATIENCE_S = PATIENCE_MS / 1000
 NODE = shutil.which("node")
@@ -37,7 +36,7 @@ class Engine:
         told = {"describe": lambda what, args: {"asked": what, **args}, "clock": clock}
         self.hub = Hub(settings, run="r1", site="mall", **told)
         self.addresses = self.hub.start()
-        self.seen = Sequence()
+        self.seen = SequenceWindow()
         self.counted = []
         self.loop = Loop(self.hub, self._outcome)
         self.thread = threading.Thread(target=self.loop.run, daemon=True)
@@ -45,11 +44,11 @@ class Engine:
 
     def _outcome(self, incoming):
         if isinstance(incoming.event, Hello):
-            return Outcome.ACCEPTED
+            return MessageOutcome.ACCEPTED
         if not self.seen.is_new(incoming.event.seq):
-            return Outcome.DUPLICATE
+            return MessageOutcome.DUPLICATE
         self.counted.append(incoming.event.seq)
-        return Outcome.ACCEPTED
+        return MessageOutcome.ACCEPTED
 
     def close(self):
         self.loop.ended.set()
@@ -74,7 +73,7 @@ def engine() -> Iterator[Engine]:
 def said(tick, floor="F1"):
     belief = Belief(floor=floor, xy=[1.0, 2.0], covariance=[[1.0, 0.0], [0.0, 1.0]])
     estimate = Estimate(device="d", pipeline="p", epoch=0, tick=tick, t_ns=tick, status=Status.TRACKING, belief=belief)
-    return Said("estimate", "mall", floor, "d", "p", encode_estimate(estimate))
+    return Publication("estimate", "mall", floor, "d", "p", encode_estimate(estimate))
 
 
 def test_a_sensor_is_welcomed_and_everything_counts_once(engine, context):
@@ -88,7 +87,7 @@ def test_a_sensor_is_welcomed_and_everything_counts_once(engine, context):
         assert sensor.welcome["limits"]["samples"] == 4096
     assert engine.counted == list(range(1, 602))
     assert sensor.outcomes == {"accepted": 601}
-    assert engine.hub.counters()["answers_lost"] == 0
+    assert engine.hub.counters()["replies_lost"] == 0
 
 
 def test_an_engine_that_dies_again_and_again_gets_everything_once(context):
@@ -143,11 +142,11 @@ def test_a_listener_gets_the_last_value_and_then_what_comes(engine, context):
 
 def test_control_is_answered(engine, context):
     with Control(engine.addresses.control, timeout_s=PATIENCE_S, context=context) as control:
-        for what in REQUESTS:
+        for what in CONTROL_REQUESTS:
             assert control.request(what), what
         assert control.subscribe_info()["run"] == "r1"
         assert control.primary("x") == {"did": "primary", "pipeline": "x"}
-        with pytest.raises(RefusedError, match="what: found 'dance'"):
+        with pytest.raises(RequestRefusedError, match="what: found 'dance'"):
             control.request("dance")
 
 
@@ -188,23 +187,25 @@ def test_whoever_is_shut_out_is_told_why(context, tmp_path):
     for keys, why in ((phone, "this key"), (stranger, "this key"), (None, "asks for a key, and none was given")):
         with (
             Control(guarded.addresses.control, keys=keys, **told) as control,
-            pytest.raises(ShutOutError, match=why),
+            pytest.raises(AccessDeniedError, match=why),
         ):
             control.status()
     for keys, why in ((stranger, "this key"), (None, "asks for a key")):
         with (
             Listener(guarded.addresses.positions, keys=keys, context=context) as listener,
-            pytest.raises(ShutOutError, match=why),
+            pytest.raises(AccessDeniedError, match=why),
         ):
             listener.receive(PATIENCE_S)
     with (
         Control(open_to_all.addresses.control, keys=phone, **told) as control,
-        pytest.raises(ShutOutError, match="asks for none"),
+        pytest.raises(AccessDeniedError, match="asks for none"),
     ):
         control.status()
     with Control(guarded.addresses.control, keys=mistaken, **told) as control:
-        control._clock = lambda: PATIENCE_S + 1.0 if control._door.doubt else 0.0  # time passes once it has a doubt
-        with pytest.raises(NoAnswerError, match=r"is engine\.pub the public key of this very engine"):
+        control._clock = lambda: (
+            PATIENCE_S + 1.0 if control._handshake.suspected_cause else 0.0
+        )  # time passes once it has a doubt
+        with pytest.raises(RequestTimeoutError, match=r"is engine\.pub the public key of this very engine"):
             control.status()
     guarded.close()
     open_to_all.close()
@@ -218,7 +219,7 @@ def test_whoever_was_shut_out_before_it_asks_is_told_why_and_never_waits(context
     with Control(guarded.addresses.control, keys=keys, context=context, timeout_s=PATIENCE_S) as control:
         until(lambda: not control._socket.get(zmq.EVENTS) & zmq.POLLOUT)
         for _ in range(2):
-            with pytest.raises(ShutOutError, match="this key"):
+            with pytest.raises(AccessDeniedError, match="this key"):
                 control.status()
     guarded.close()
 

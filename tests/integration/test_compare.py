@@ -10,7 +10,7 @@ import pytest
 from live_lab import LIGHT
 from stored_floor import Command
 
-from tickfix.site.holdout import is_held_out
+from tickfix.site.waypoints import is_held_out
 
 AB = (
     LIGHT
@@ -54,7 +54,7 @@ def outcomes(folder: Path) -> list[Path]:
 
 def without_cost(document: dict[str, Any]) -> dict[str, Any]:
     for pipeline in document["pipelines"].values():
-        del pipeline["figures"]["cost"]
+        del pipeline["metrics"]["cost"]
     del document["provenance"]["command"]
     return document
 
@@ -112,9 +112,9 @@ def test_cross_validation_never_reads_a_held_out_walk_again_and_pools_by_floor(
     # The simulated surveyor rested between walks, so that each walk is a chain of its own.
     assert {walk["name"] for walk in walks} == {name for name in every if not is_held_out(name, 0.3)}
     assert len({walk["name"] for walk in walks}) == len(walks)
-    assert [(g["name"], g["walks"]) for g in document["grounds"]] == [("F1", len(walks))]
-    assert document["provenance"]["crossvalidation"] == {"folds": 2, "spare": 0.3}
-    assert len({g["site"] for g in document["provenance"]["grounds"]}) == 2
+    assert [(g["name"], g["walks"]) for g in document["sites"]] == [("F1", len(walks))]
+    assert document["provenance"]["crossvalidation"] == {"folds": 2, "holdout_share": 0.3}
+    assert len({g["digest"] for g in document["provenance"]["sites"]}) == 2
 
 
 @pytest.mark.parametrize(

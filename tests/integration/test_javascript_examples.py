@@ -15,18 +15,18 @@ import zmq
 from tickfix.api import Belief, Component, Estimate, Status
 from tickfix.wire import (
     VERSION,
-    Ack,
-    Envelope,
-    Error,
-    Heartbeat,
+    AckReply,
+    ErrorReply,
+    HeartbeatMessage,
     Hello,
     MessageLimits,
-    Welcome,
+    PublicationEnvelope,
+    WelcomeReply,
     decode_message,
-    encode,
+    encode_engine_message,
     encode_estimate,
+    message_to_event,
     stream_topics,
-    to_event,
 )
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "javascript"
@@ -61,12 +61,12 @@ class Engine:
     def answer(self, peer, message, outcome="accepted"):
         identity = {"device": message.device, "session": message.session, "seq": message.seq}
         if isinstance(message, Hello):
-            answer = Welcome(v=VERSION, run="r1", site="mall", limits={})
+            answer = WelcomeReply(v=VERSION, run="r1", site="mall", limits={})
         elif outcome == "busy":
-            answer = Error(v=VERSION, outcome="busy", field="message", found="much", expected="less", **identity)
+            answer = ErrorReply(v=VERSION, outcome="busy", field="message", found="much", expected="less", **identity)
         else:
-            answer = Ack(v=VERSION, outcome=outcome, **identity)
-        self.router.send_multipart([peer, encode(answer)])
+            answer = AckReply(v=VERSION, outcome=outcome, **identity)
+        self.router.send_multipart([peer, encode_engine_message(answer)])
 
     def hang_up(self):
         """Break every connection, as a dying engine does, and be there again at the same address."""
@@ -79,7 +79,7 @@ class Engine:
         self.router, _ = self._bound(zmq.ROUTER, self.sensors)
 
     def publish(self, topic, run, seq, body):
-        self.xpub.send_multipart([topic, encode(Envelope(v=VERSION, run=run, seq=seq)), body])
+        self.xpub.send_multipart([topic, encode_engine_message(PublicationEnvelope(v=VERSION, run=run, seq=seq)), body])
 
     def subscriptions(self, n):
         frames = []
@@ -127,7 +127,7 @@ def test_the_sensor_is_understood_and_ends_when_all_is_acknowledged(engine, node
     events = []
     for _ in range(20):
         peer, message = engine.receive()
-        events.append(to_event(message, 1))
+        events.append(message_to_event(message, 1))
         engine.answer(peer, message)
     out, err = process.communicate(timeout=PATIENCE_MS / 1000)
     assert process.returncode == 0, err
@@ -199,8 +199,8 @@ def test_the_listener_prints_estimates_and_tells_gaps_and_restarts(engine, node)
     process = node("listener.mjs", engine.positions, "estimate/mall/", "4")
     assert engine.subscriptions(2) == [b"\x01estimate/mall/", b"\x01heartbeat"]
     by_floor, by_device = stream_topics("estimate", "mall", "F1", "d/é", "p")
-    beat = Heartbeat(v=1, run="r1", site="mall", wall_ns=2**62, uptime_s=0.5, devices=1, seq=1)
-    engine.publish(b"heartbeat", "r1", 1, encode(beat))
+    beat = HeartbeatMessage(v=1, run="r1", site="mall", wall_ns=2**62, uptime_s=0.5, devices=1, seq=1)
+    engine.publish(b"heartbeat", "r1", 1, encode_engine_message(beat))
     for run, seq in (("r1", 70_000), ("r1", 70_000), ("r1", 70_001), ("r1", 70_004), ("r2", 1)):
         engine.publish(by_floor, run, seq, encode_estimate(estimate(seq, motion_age_ns=2**60 + 1)))
         engine.publish(by_device, run, seq, encode_estimate(estimate(seq)))

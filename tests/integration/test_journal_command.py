@@ -15,9 +15,9 @@ from typer.testing import CliRunner, Result
 
 from tickfix.api import Belief, ConfigError, Estimate, Fix, Pressure, Scan, Status, motion_samples
 from tickfix.cli.journal import app, export
-from tickfix.journal import JournalReader, JournalWriter, Kind
+from tickfix.journal import JournalReader, JournalWriter, RecordKind
 from tickfix.wire import encode_estimate, encode_event
-from tickfix.wire.decisions import Run, encode_decision
+from tickfix.wire.engine_messages import RunDevice, encode_decision
 
 EVENTS = (
     motion_samples([1, 2], gyroscope=np.arange(6.0).reshape(2, 3), device="a", session="s", seq=1),
@@ -46,12 +46,14 @@ def journal(tmp_path: Path) -> Path:
     folder = tmp_path / "journal"
     with JournalWriter(folder, MANIFEST) as writer:
         for event in EVENTS:
-            writer.append(Kind.EVENT, event.device, event.t_ns, encode_event(event))
+            writer.append(RecordKind.EVENT, event.device, event.t_ns, encode_event(event))
             writer.commit()
-        writer.new_segment(b"\xc1 opaque")
+        writer.roll_segment(b"\xc1 opaque")
         for said in ESTIMATES:
-            writer.append(Kind.DECISION, said.device, said.t_ns, encode_decision(Run(device="a", tick=said.tick)))
-            writer.append(Kind.ESTIMATE, said.device, said.t_ns, encode_estimate(said))
+            writer.append(
+                RecordKind.DECISION, said.device, said.t_ns, encode_decision(RunDevice(device="a", tick=said.tick))
+            )
+            writer.append(RecordKind.ESTIMATE, said.device, said.t_ns, encode_estimate(said))
             writer.commit()
     return folder
 
@@ -97,7 +99,7 @@ def test_export_writes_json_lines_of_all_that_was_kept(tickfix: Command, journal
     assert lines[0]["sensors"] == {"gyroscope": {"t_ns": [1, 2], "values": [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]}}
     assert (lines[1]["transmitters"], lines[1]["rssi_dbm"]) == (["x", "y"], [-40.0, -50.5])
     assert (lines[3]["device"], lines[3]["xy"]) == ("b", [4.0, 5.0])
-    assert lines[4] == {"number": 6, "kind": "decision", "wall_ns": lines[4]["wall_ns"], "type": "Run"} | {
+    assert lines[4] == {"number": 6, "kind": "decision", "wall_ns": lines[4]["wall_ns"], "type": "RunDevice"} | {
         "device": "a",
         "tick": 1,
         "most": None,

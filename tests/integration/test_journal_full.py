@@ -14,7 +14,7 @@ import pytest
 from journal_child import MANIFEST, payload_of
 from test_journal_kill import spawn
 
-from tickfix.journal import JournalFull, JournalReader, JournalWriter, Kind, Since
+from tickfix.journal import JournalFull, JournalReader, JournalWriter, ReadStart, RecordKind
 
 
 @contextmanager
@@ -30,7 +30,7 @@ def files_no_larger_than(limit_bytes: int) -> Iterator[None]:
 
 def fill(writer: JournalWriter) -> None:
     while True:
-        writer.append(Kind.EVENT, "a", 1, os.urandom(30_000))
+        writer.append(RecordKind.EVENT, "a", 1, os.urandom(30_000))
         writer.commit()
 
 
@@ -62,18 +62,18 @@ def test_a_disk_that_fills_up_costs_nothing_that_was_committed_and_takes_more_wh
     with pytest.raises(JournalFull):
         writer.commit()
     with pytest.raises(JournalFull, match=r"000001\.mcap"):
-        writer.new_segment(b"snapshot")
+        writer.roll_segment(b"snapshot")
     (segment,) = JournalReader(folder).segments()
     assert (segment.last_number, segment.damage) == (committed, ())
     writer.discard()
     with pytest.raises(JournalFull, match=r"000002\.mcap"):
-        writer.new_segment(bytes(100_000))
+        writer.roll_segment(bytes(100_000))
     assert [path.name for path in JournalReader(folder).paths()] == ["000001.mcap"]
-    assert writer.append(Kind.EVENT, "a", 1, b"small") == committed + 1
+    assert writer.append(RecordKind.EVENT, "a", 1, b"small") == committed + 1
     filler.unlink()
     writer.commit()
-    writer.new_segment(b"snapshot")
-    writer.append(Kind.EVENT, "a", 1, b"last")
+    writer.roll_segment(b"snapshot")
+    writer.append(RecordKind.EVENT, "a", 1, b"last")
     writer.close()
     assert [r.number for r in JournalReader(folder).records()] == list(range(1, committed + 4))
     assert all(s.complete and not s.damage for s in JournalReader(folder).segments(thorough=True))
@@ -93,18 +93,18 @@ def test_a_journal_cannot_begin_where_there_is_no_room_and_leaves_nothing_behind
 
 def test_where_files_may_not_grow_the_past_stays_and_a_smaller_commit_still_fits(tmp_path: Path) -> None:
     with JournalWriter(tmp_path, MANIFEST) as writer:
-        writer.append(Kind.EVENT, "a", 1, b"first")
+        writer.append(RecordKind.EVENT, "a", 1, b"first")
         writer.commit()
         size = writer.path.stat().st_size
-        writer.append(Kind.EVENT, "a", 2, bytes(50_000))
+        writer.append(RecordKind.EVENT, "a", 2, bytes(50_000))
         with files_no_larger_than(size + 1000):
             with pytest.raises(JournalFull, match="File too large"):
                 writer.commit()
             assert writer.path.stat().st_size == size
             assert writer.discard() == 1
-            writer.append(Kind.EVENT, "a", 3, b"second")
+            writer.append(RecordKind.EVENT, "a", 3, b"second")
             writer.commit()
-        writer.append(Kind.EVENT, "a", 4, bytes(50_000))
+        writer.append(RecordKind.EVENT, "a", 4, bytes(50_000))
     assert [(r.number, r.t_ns) for r in JournalReader(tmp_path).records()] == [(1, 1), (2, 3), (3, 4)]
     (segment,) = JournalReader(tmp_path).segments(thorough=True)
     assert (segment.complete, segment.damage) == (True, ())
@@ -124,4 +124,4 @@ def test_a_process_goes_on_in_new_segments_where_old_ones_cannot_grow(tmp_path: 
     assert all(r.payload == payload_of(r.number) for r in records)
     assert len(reader.paths()) == 4
     assert not [damage for segment in reader.segments(thorough=True) for damage in segment.damage]
-    assert next(reader.records(Since.REPLAYABLE)).kind is Kind.SNAPSHOT
+    assert next(reader.records(ReadStart.REPLAYABLE)).kind is RecordKind.SNAPSHOT

@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 from journal_child import payload_of
 
-from tickfix.journal import JournalLocked, JournalReader, JournalWriter, Kind, Since
-from tickfix.journal.folder import UNBORN, is_being_written
+from tickfix.journal import JournalLocked, JournalReader, JournalWriter, ReadStart, RecordKind
+from tickfix.journal.journal_folder import TEMPORARY_SUFFIX, is_being_written
 
 CHILD = Path(__file__).with_name("journal_child.py")
 KILLS = int(os.environ.get("TICKFIX_KILLS", "10"))
@@ -58,7 +58,7 @@ def test_whatever_was_committed_survives_kills_at_any_instant(tmp_path: Path) ->
         numbers = []
         for record in reader.records():
             assert record.payload == payload_of(record.number)
-            assert record.kind is Kind.SNAPSHOT or (record.t_ns, record.device) == (
+            assert record.kind is RecordKind.SNAPSHOT or (record.t_ns, record.device) == (
                 record.number,
                 f"phone-{record.number % 5}",
             )
@@ -70,14 +70,14 @@ def test_whatever_was_committed_survives_kills_at_any_instant(tmp_path: Path) ->
         torn = [damage for segment in segments for damage in segment.damage]
         assert len(torn) <= kill + 1
         assert all("cut off" in damage.what for damage in torn)
-        start = next(reader.records(Since.REPLAYABLE))
-        assert start.number == 1 or start.kind is Kind.SNAPSHOT
+        start = next(reader.records(ReadStart.REPLAYABLE))
+        assert start.number == 1 or start.kind is RecordKind.SNAPSHOT
         last = len(numbers)
     kept = {path: path.read_bytes() for path in JournalReader(tmp_path).paths()}
     with JournalWriter(tmp_path, segments[-1].manifest, first_number=last + 1) as writer:  # type: ignore[arg-type]
-        writer.append(Kind.EVENT, "a", 1, b"")
+        writer.append(RecordKind.EVENT, "a", 1, b"")
     assert {path: path.read_bytes() for path in kept} == kept, "damaged tails are left as they are"
-    assert not list(tmp_path.glob(f"*{UNBORN}"))
+    assert not list(tmp_path.glob(f"*{TEMPORARY_SUFFIX}"))
 
 
 def test_only_one_process_writes_and_its_death_gives_the_folder_back(tmp_path: Path) -> None:

@@ -36,8 +36,8 @@ from live_lab import (
 from stored_floor import Command
 
 from tickfix.client import Listener, Sensor
-from tickfix.journal import JournalReader, Kind
-from tickfix.wire.decisions import Finish, Fold, decode_decision
+from tickfix.journal import JournalReader, RecordKind
+from tickfix.wire.engine_messages import AdmitScan, FinishDevice, decode_decision
 
 SEED = 7
 KILLS = int(os.environ.get("TICKFIX_KILLS", "3"))
@@ -167,7 +167,7 @@ def tickfix_register():
 SLOW = '''
 import time
 from tickfix.api import hookimpl
-from tickfix_fingerprint.wknn import Wknn
+from tickfix_fingerprint.knn import Wknn
 
 class Slow(Wknn):
     """Takes two ticks and a half for a scan."""
@@ -240,13 +240,13 @@ def test_a_scan_that_takes_longer_than_a_tick_delays_no_tick(
     waiting: dict[int, int] = {}
     said = 0
     for record in JournalReader(journal).records():
-        if record.kind is Kind.ESTIMATE:
+        if record.kind is RecordKind.ESTIMATE:
             said += 1
-        elif record.kind is Kind.EVENT and b"transmitters" in record.payload:
+        elif record.kind is RecordKind.EVENT and b"transmitters" in record.payload:
             waiting[record.number] = said
-        elif record.kind is Kind.DECISION:
+        elif record.kind is RecordKind.DECISION:
             decision = decode_decision(record.payload)
-            if isinstance(decision, Fold):
+            if isinstance(decision, AdmitScan):
                 between.append(said - waiting[decision.number])
     # Half a second of walking at one and a half times its pace are three to four ticks.
     assert len(between) > 5
@@ -326,7 +326,7 @@ def test_an_engine_that_follows_says_the_same_and_may_die_unnoticed(
         ticks = control.status()["ticks"]
     with second.control() as control:
         until(lambda: control.status()["ticks"] >= ticks)
-        assert control.status()["followed"].get("missed", 0) == 0
+        assert control.status()["replication"].get("missed", 0) == 0
     leader.stop()
     second.stop()
     # What the probe said before it was heard is not the follower's.
@@ -345,8 +345,8 @@ def test_an_engine_that_follows_settles_what_it_has_when_it_is_drained(lab: Lab,
         assert control.drain()
     assert second.popen.wait(PATIENCE_S) == 0
     records = JournalReader(lab.place / "second").records()
-    decisions = [decode_decision(record.payload) for record in records if record.kind is Kind.DECISION]
-    assert Finish(device="phone", reason="drained") in decisions
+    decisions = [decode_decision(record.payload) for record in records if record.kind is RecordKind.DECISION]
+    assert FinishDevice(device="phone", reason="drained") in decisions
     repeats(tickfix, lab.place / "second")
     with leader.control() as control:
         assert [one["device"] for one in control.devices()] == ["phone"]
@@ -363,7 +363,7 @@ def _until_followed(lab: Lab, leader: Process, followers: tuple[Process, ...]) -
                     n["asked"] += 1
                     probe.truth(n["asked"] * 10_000_000, "F1", (0.0, 0.0))  # which makes no tick
                     probe.flush(1.0)
-                    return bool(control.status()["followed"].get("records"))  # type: ignore[attr-defined]
+                    return bool(control.status()["replication"].get("records"))  # type: ignore[attr-defined]
 
                 until(heard)
         assert probe.bye(PATIENCE_S)

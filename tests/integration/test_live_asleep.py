@@ -28,7 +28,9 @@ def test_a_sender_and_an_engine_that_sleep_lose_nothing_and_their_ticks_come_aga
     engine = lab.serve(config, "--journal", journal, before=os.setsid)
     silences: list[float] = []
     with (
-        Listener(engine.at["positions"], ["device/"], on_silence=silences.append, silence_s=SILENCE_S) as listener,
+        Listener(
+            engine.at["positions"], ["device/"], on_heartbeat_timeout=silences.append, heartbeat_timeout_s=SILENCE_S
+        ) as listener,
         engine.control() as control,
     ):
 

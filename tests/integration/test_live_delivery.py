@@ -98,7 +98,7 @@ def test_what_is_reordered_repeated_delayed_or_dropped_settles_as_what_arrives_i
         post.deliver(sent)
         outcomes = adds_up(control, at_least=len(sent))
         gaps = {letter.seq for letter in arrived}
-        until(lambda: control.counters()["engine"]["missing"] == max(gaps) - len(gaps))
+        until(lambda: control.counters()["engine"]["missing_messages"] == max(gaps) - len(gaps))
         told = {device: dict(counter) for device, counter in post.outcomes.items()}
         post.leave(["steady", "shuffled", "lossy", "tardy"])
     measurements = engine.stop()["measurements"]

@@ -111,7 +111,7 @@ def test_overload_is_announced_refuses_new_devices_keeps_the_old_and_ends_by_its
     assert new.outcomes["accepted"] == 1
     assert outcomes["busy"] >= new.outcomes["busy"] > 0
     assert old.outcomes["old"].keys() <= {"accepted", "late"}
-    assert (ended["overloads"], ended["withheld"]) == (1, 0)
+    assert (ended["overloads"], ended["suppressed"]) == (1, 0)
     ticks = [e.tick for e in estimates(journal) if e.device == "old" and e.revision == 0]
     assert ticks == list(range(min(ticks), max(ticks) + 1))
     repeats(tickfix, journal, PYTHONPATH=str(lab.place), SLOW_WHILE=str(slowness))
@@ -127,7 +127,7 @@ def test_an_overrun_policy_of_newest_publishes_less_and_folds_everything(
         post.deliver(script("old", 4))
         slowness.unlink()
         post.leave(["old"])
-        withheld = engine.stop()["withheld"]
+        withheld = engine.stop()["suppressed"]
         ticks = all_journaled(journal)
         heard = [estimate["tick"] for estimate in hear(listener, len(ticks) - withheld)]
         assert listener.missed == 0

@@ -14,9 +14,9 @@ from ports_lab import PATIENCE_MS, Client, Loop, all_done, free_ports, message, 
 
 from tickfix.api import MotionSamples, Pressure
 from tickfix.api.errors import PortError
-from tickfix.kernel import Outcome
-from tickfix.ports import Hub, PeerLimits, PortSettings, Said
-from tickfix.ports.clock import Clock
+from tickfix.kernel import MessageOutcome
+from tickfix.ports import Hub, PeerLimits, PortSettings, Publication
+from tickfix.ports.port_settings import Clock
 from tickfix.wire import Hello, MessageLimits
 
 Open = Callable[..., Hub]
@@ -103,7 +103,7 @@ def test_a_dealer_is_welcomed_and_its_messages_are_acknowledged(open_hub: Open, 
     phone.tell("hello", device="p", session="s", seq=1)
     (hello,) = take(hub, 1)
     assert isinstance(hello.event, Hello)
-    hub.answer(hello, Outcome.ACCEPTED)
+    hub.answer(hello, MessageOutcome.ACCEPTED)
     welcome = phone.hear()
     assert (welcome["type"], welcome["run"], welcome["site"]) == ("welcome", "run-1", "office")
     assert welcome["limits"]["message_bytes"] == MessageLimits().message_bytes
@@ -115,8 +115,8 @@ def test_a_dealer_is_welcomed_and_its_messages_are_acknowledged(open_hub: Open, 
     assert (asked.wants_ack, silent.wants_ack) == (True, False)
     assert asked.event.arrival_ns <= silent.event.arrival_ns
     assert asked.received_ns <= silent.received_ns
-    hub.answer(silent, Outcome.ACCEPTED)
-    hub.answer(asked, Outcome.LATE, "two ticks")
+    hub.answer(silent, MessageOutcome.ACCEPTED)
+    hub.answer(asked, MessageOutcome.LATE, "two ticks")
     assert phone.hear() == {
         "type": "ack", "v": 1, "device": "p", "session": "s", "seq": 2, "outcome": "late", "detail": "two ticks",
     }  # fmt: skip
@@ -129,16 +129,16 @@ def test_a_message_is_answered_once_however_often_the_loop_says_so(open_hub: Ope
     phone.send(pressure(ack=True, seq=1))
     phone.send(pressure(ack=True, seq=2))
     first, second = take(hub, 2)
-    hub.answer(first, Outcome.ACCEPTED)
-    hub.answer(first, Outcome.STALE)
-    hub.answer(second, Outcome.STALE)
+    hub.answer(first, MessageOutcome.ACCEPTED)
+    hub.answer(first, MessageOutcome.STALE)
+    hub.answer(second, MessageOutcome.STALE)
     assert [(phone.hear()["seq"], phone.hear()["seq"])] == [(1, 2)]
     assert books(hub) == {"accepted": 1, "stale": 1}
 
 
 def test_req_always_gets_exactly_one_answer(open_hub: Open, connect: Connect, run_loop: Callable[..., Loop]) -> None:
     hub = open_hub(peer=PeerLimits(messages_per_s=0.001, message_burst=8))
-    run_loop(hub, outcome=lambda item: Outcome.BUSY if item.event.seq == 9 else Outcome.ACCEPTED)
+    run_loop(hub, outcome=lambda item: MessageOutcome.BUSY if item.event.seq == 9 else MessageOutcome.ACCEPTED)
     phone = connect(zmq.REQ, hub.addresses.sensors)
     answers = []
     for body in (
@@ -182,7 +182,7 @@ def test_messages_of_odd_frames_are_malformed_and_what_follows_is_understood(
     phone.send(*frames)
     assert phone.hear()["outcome"] == "malformed"
     phone.send(pressure())
-    hub.answer(*take(hub, 1), Outcome.ACCEPTED)
+    hub.answer(*take(hub, 1), MessageOutcome.ACCEPTED)
     assert books(hub) == {"accepted": 1, "malformed": 1}
 
 
@@ -199,7 +199,7 @@ def test_what_is_longer_than_allowed_is_told_or_cut_off_and_others_go_on(open_hu
     giant.send(pressure("g"))
     phone.send(pressure())
     for item in take(hub, 2):
-        hub.answer(item, Outcome.ACCEPTED)
+        hub.answer(item, MessageOutcome.ACCEPTED)
     assert books(hub) == {"accepted": 2, "malformed": 1}
 
 
@@ -212,7 +212,7 @@ def test_unknown_fields_and_sensors_are_skipped_and_counted(open_hub: Open, conn
     assert isinstance(item.event, MotionSamples)
     assert list(item.event.sensors) == ["accelerometer"]
     all_done(hub)
-    assert hub.counters()["intake"]["tolerated"] == {"fields": 2, "sensors": 1}
+    assert hub.counters()["intake"]["unknown_skipped"] == {"fields": 2, "sensors": 1}
 
 
 def test_a_full_queue_says_busy_and_takes_again_when_the_loop_has_taken(open_hub: Open, connect: Connect) -> None:
@@ -241,13 +241,13 @@ def test_new_devices_or_all_are_refused_with_the_reason_until_it_is_lifted(
         return answer["outcome"], answer.get("found", "")
 
     assert outcome_for("old") == ("accepted", "")
-    hub.refuse("ticks are late")
+    hub.reject_new_devices("ticks are late")
     assert outcome_for("new") == ("busy", "a new device: ticks are late")
     assert outcome_for("old") == ("accepted", "")
-    hub.refuse_all("the disk is full")
+    hub.reject_all_messages("the disk is full")
     assert outcome_for("old") == ("busy", "the disk is full")
-    hub.refuse_all(None)
-    hub.refuse(None)
+    hub.reject_all_messages(None)
+    hub.reject_new_devices(None)
     assert outcome_for("new") == ("accepted", "")
 
 
@@ -280,7 +280,7 @@ def test_a_flood_is_throttled_before_decoding_and_costs_the_others_nothing(open_
     heard = []
     while len(heard) < 40:
         for item in take(hub, 1):
-            hub.answer(item, Outcome.ACCEPTED)
+            hub.answer(item, MessageOutcome.ACCEPTED)
             if item.event.device == "p":
                 heard.append(item.event.seq)
     assert heard == list(range(1, 41))
@@ -298,8 +298,8 @@ def test_a_peer_that_left_or_does_not_read_is_counted_and_harms_nobody(open_hub:
     gone.socket.close(0)
     phone.send(pressure("p", ack=True))
     (other,) = take(hub, 1)
-    hub.answer(item, Outcome.ACCEPTED)
-    hub.answer(other, Outcome.ACCEPTED)
+    hub.answer(item, MessageOutcome.ACCEPTED)
+    hub.answer(other, MessageOutcome.ACCEPTED)
     assert phone.hear()["outcome"] == "accepted"
     assert books(hub) == {"accepted": 2}
 
@@ -311,15 +311,15 @@ def test_a_phone_that_comes_back_under_its_own_routing_id_is_heard_at_once(open_
         phone = connect(zmq.DEALER, hub.addresses.sensors, routing_id=b"phone-17")
         phone.send(pressure("p", session="s", seq=seq, ack=True))
         (item,) = take(hub, 1)
-        hub.answer(item, Outcome.ACCEPTED)
+        hub.answer(item, MessageOutcome.ACCEPTED)
         assert phone.hear()["seq"] == seq
 
 
 # --- positions ---------------------------------------------------------------------------------------------------
 
 
-def said(device: str = "p", floor: str | None = "F1", body: bytes = b"body", family: Any = "estimate") -> Said:
-    return Said(family, "office", floor, device, "fusion", body)
+def said(device: str = "p", floor: str | None = "F1", body: bytes = b"body", family: Any = "estimate") -> Publication:
+    return Publication(family, "office", floor, device, "fusion", body)
 
 
 def subscriber(connect: Connect, hub: Hub, *topics: bytes) -> Client:
@@ -340,7 +340,7 @@ def frames(client: Client) -> tuple[bytes, int, bytes]:
             return topic, seen["seq"], body
 
 
-def publish(hub: Hub, *what: Said) -> None:
+def publish(hub: Hub, *what: Publication) -> None:
     """Publish, and wait until it is out."""
     hub.publish(what)
     all_done(hub)
@@ -388,7 +388,9 @@ def test_revisions_have_topics_and_numbers_of_their_own_and_no_last_value(open_h
 
 def test_names_cannot_break_out_of_their_topic(open_hub: Open, connect: Connect) -> None:
     hub = open_hub(heartbeat_s=3600.0)
-    hub.publish([Said("estimate", "a/b", None, "../p é", "x", b"1"), Said("estimate", "a/b", "-", "q", "x", b"2")])
+    hub.publish(
+        [Publication("estimate", "a/b", None, "../p é", "x", b"1"), Publication("estimate", "a/b", "-", "q", "x", b"2")]
+    )
     listener = subscriber(connect, hub, b"estimate/")
     topics = {frames(listener)[0] for _ in range(2)}
     assert topics == {b"estimate/a%2Fb/-/..%2Fp%20%C3%A9/x", b"estimate/a%2Fb/%2D/q/x"}
@@ -472,7 +474,7 @@ def test_control_answers_while_the_loop_takes_nothing(open_hub: Open, connect: C
             "type": "reply", "v": 1, "what": "status", "ok": True,
             "data": {"what": "status", "args": {"deep": True}},
         }  # fmt: skip
-        assert client.ask("subscribe-info")["data"]["positions"] == hub.addresses.positions
+        assert client.ask("subscribe_info")["data"]["positions"] == hub.addresses.positions
         failed = client.ask("plugins")
         assert (failed["ok"], failed["data"]) == (False, "KeyError: 'no such thing'")
         unknown = client.ask("teleport")
@@ -536,7 +538,7 @@ def test_everything_goes_over_ipc_too(open_hub: Open, connect: Connect, tmp_path
     hub = open_hub(**{name: f"ipc://{tmp_path}/{name}" for name in names})
     phone = connect(zmq.REQ, hub.addresses.sensors)
     phone.send(pressure())
-    hub.answer(*take(hub, 1), Outcome.ACCEPTED)
+    hub.answer(*take(hub, 1), MessageOutcome.ACCEPTED)
     assert phone.hear()["outcome"] == "accepted"
     assert connect(zmq.REQ, hub.addresses.control).ask("health")["ok"] is True
 
@@ -552,4 +554,4 @@ def test_a_follow_port_may_be_left_closed(open_hub: Open, connect: Connect) -> N
     hub = open_hub(follow="")
     assert hub.addresses.follow == ""
     hub.follow([(b"event", 1, b"bytes")])
-    assert connect(zmq.REQ, hub.addresses.control).ask("subscribe-info")["data"]["follow"] == ""
+    assert connect(zmq.REQ, hub.addresses.control).ask("subscribe_info")["data"]["follow"] == ""

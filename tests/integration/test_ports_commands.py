@@ -14,13 +14,13 @@ from ports_lab import free_ports
 
 from tickfix.api import TICK_NS, Belief, Estimate, Status
 from tickfix.cli.main import main
-from tickfix.ports import Hub, Said
+from tickfix.ports import Hub, Publication
 from tickfix.wire import encode_estimate
 
 STATUS: dict[str, Any] = {
     "run": "r-17", "site": "office", "version": "0.1.0", "uptime_s": 93_784.0, "devices": 12, "ticks": 123_456,
-    "lateness_ms": {"p50": 0.4, "p99": 3.25, "max": 11.0, "count": 0},
-    "work_ms": {"p50": 1.0, "p99": 2.0, "max": 3.0},
+    "tick_latency_ms": {"p50": 0.4, "p99": 3.25, "max": 11.0, "count": 0},
+    "round_duration_ms": {"p50": 1.0, "p99": 2.0, "max": 3.0},
     "intake": {"accepted": 1_000, "late": 0, "malformed": 3}, "measurements": {}, "failures": {"filter:x": 2},
     "publications": {"sent": 99}, "overload": None,
     "pipelines": [{"name": "fusion", "primary": True, "state": "running"}, {"name": "pdr", "state": "disabled"}],
@@ -68,13 +68,13 @@ def open_hub() -> Iterator[Callable[..., Hub]]:
         hub.stop()
 
 
-def estimate(tick: int) -> Said:
+def estimate(tick: int) -> Publication:
     belief = Belief(floor="F1", xy=[12.5, -3.25], covariance=[[4.0, 0.0], [0.0, 5.0]])
     one = Estimate(
         device="phone", pipeline="fusion", epoch=0, tick=tick, t_ns=tick * TICK_NS, status=Status.TRACKING,
         belief=belief,
     )  # fmt: skip
-    return Said("estimate", "office", "F1", "phone", "fusion", encode_estimate(one))
+    return Publication("estimate", "office", "F1", "phone", "fusion", encode_estimate(one))
 
 
 def test_status_shows_what_the_engine_says(tickfix: Command, open_hub: Callable[..., Hub]) -> None:
@@ -94,7 +94,7 @@ def test_status_shows_what_the_engine_says(tickfix: Command, open_hub: Callable[
 def test_status_says_overload_and_survives_an_answer_of_another_shape(
     tickfix: Command, open_hub: Callable[..., Hub]
 ) -> None:
-    told = {"overload": "more than 1 s behind", "lateness_ms": None, "pipelines": "many", "new": {"a": {"b": 1.5}}}
+    told = {"overload": "more than 1 s behind", "tick_latency_ms": None, "pipelines": "many", "new": {"a": {"b": 1.5}}}
     shown = tickfix("status", open_hub(told).addresses.control).stdout
     assert "overload: more than 1 s behind" in shown
     assert "unknown, run unknown, up unknown" in shown

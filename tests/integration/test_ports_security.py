@@ -13,10 +13,10 @@ from ports_lab import PATIENCE_MS, Client, all_done, allow, free_ports, make_key
 
 from tickfix.api import ConfigError
 from tickfix.api.errors import PortError
-from tickfix.kernel import Outcome
-from tickfix.ports import Hub, PortSettings, Said
-from tickfix.ports.keys import KeyPair
-from tickfix.ports.sockets import OLDEST, check_libzmq
+from tickfix.kernel import MessageOutcome
+from tickfix.ports import Hub, PortSettings, Publication
+from tickfix.ports.authentication import KeyPair
+from tickfix.ports.sockets import OLDEST_LIBZMQ, check_libzmq
 
 ALL = ["sensors", "positions", "control", "follow"]
 CLOSED = (
@@ -92,7 +92,7 @@ def answered(hub: Hub, client: Client, body: bytes) -> dict[str, Any]:
     client.send(body)
     for _ in range(PATIENCE_MS // 10):
         for item in hub.take(0.01):
-            hub.answer(item, Outcome.ACCEPTED)
+            hub.answer(item, MessageOutcome.ACCEPTED)
         if client.socket.poll(0):
             return client.hear()
     raise AssertionError("no answer")
@@ -184,7 +184,7 @@ def test_a_listener_whose_key_is_withdrawn_is_cut_off_and_the_others_come_back(
     engine = guarded("good", "bad")
     engine.allow(good=([], ["positions"]), bad=([], ["positions"]))
     hub = engine.open()
-    hub.publish([Said("estimate", "office", "F1", "p", "fusion", b"1")])
+    hub.publish([Publication("estimate", "office", "F1", "p", "fusion", b"1")])
     all_done(hub)
     heard = []
     for name in ("good", "bad"):
@@ -196,7 +196,7 @@ def test_a_listener_whose_key_is_withdrawn_is_cut_off_and_the_others_come_back(
     engine.allow(good=([], ["positions"]))
     closed(bad)
     assert good.socket.recv_multipart()[2] == b"1"  # the last value again: it has come back
-    hub.publish([Said("estimate", "office", "F1", "p", "fusion", b"2")])
+    hub.publish([Publication("estimate", "office", "F1", "p", "fusion", b"2")])
     assert good.socket.recv_multipart()[2] == b"2"
     closed(engine.client(zmq.SUB, "positions", "bad"))
     assert engine.refusals("positions") >= 1
@@ -243,10 +243,10 @@ def test_keys_that_cannot_be_used_are_named_before_anything_is_opened(tmp_path: 
 
 
 def test_a_libzmq_with_known_holes_is_refused() -> None:
-    check_libzmq(OLDEST)
+    check_libzmq(OLDEST_LIBZMQ)
     check_libzmq((4, 4, 0))
     for version in ((4, 3, 3), (4, 2, 99), (3, 9, 9)):
         with pytest.raises(PortError, match="has known holes"):
             check_libzmq(version)
     with pytest.raises(PortError, match="without CURVE"):
-        check_libzmq(OLDEST, curve=False)
+        check_libzmq(OLDEST_LIBZMQ, curve=False)

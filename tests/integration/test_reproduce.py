@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 from stored_floor import Command
+from tickfix_papers.sun2013 import twin
 from typer.testing import CliRunner
 
 from tickfix.cli.main import app
-from tickfix.reproduction.sun2013 import choices
 
 Run = Callable[..., str]
 
@@ -31,7 +31,7 @@ def run(tickfix: Command, monkeypatch: pytest.MonkeyPatch) -> Run:
         "PLAIN_POINTS": 2,
     }
     for name, value in fewer.items():
-        monkeypatch.setattr(choices, name, value)
+        monkeypatch.setattr(twin, name, value)
 
     def invoke(*arguments: object) -> str:
         result = CliRunner().invoke(app, ["reproduce", *map(str, arguments)], catch_exceptions=False)
@@ -72,7 +72,7 @@ def test_the_json_has_every_table_and_claim(run: Run) -> None:
 
 
 def test_people_get_tables_claims_choices_and_pictures(run: Run, tmp_path: Path) -> None:
-    text = run("sun2013", "--seeds", "2", "--pictures", tmp_path / "p", "--choices")
+    text = run("sun2013", "--seeds", "2", "--pictures", tmp_path / "p", "--twin-settings")
     assert all(part in text for part in ("Table 5", "FNCC + KMF", "±", "hold", "reference points", "sun2013-walk.png"))
     assert {path.name for path in (tmp_path / "p").iterdir()} >= {"sun2013-surfaces.png", "sun2013-cdf.png"}
 

@@ -8,20 +8,20 @@ from pathlib import Path
 
 import pytest
 from stored_floor import Command
+from tickfix_papers.jiang2015 import seed_run, twin
 from typer.testing import CliRunner
 
 from tickfix.cli.main import app
-from tickfix.reproduction.jiang2015 import measure, people, twin
 
 
 @pytest.fixture
 def smaller(tickfix: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let one person walk at two paces, train networks of few nodes, and draw few particles."""
-    monkeypatch.setattr(people, "PEOPLE", 1)
+    monkeypatch.setattr(twin, "PEOPLE", 1)
     monkeypatch.setattr(twin, "PACES", (0.9, 1.1))
-    monkeypatch.setattr(measure, "GIVEN_SIGMA_M", (0.5, 2.0))
-    monkeypatch.setattr("tickfix.reproduction.jiang2015.tables.GIVEN_SIGMA_M", (0.5, 2.0))
-    whole = measure.pipelines_in
+    monkeypatch.setattr(seed_run, "GIVEN_SIGMA_M", (0.5, 2.0))
+    monkeypatch.setattr("tickfix_papers.jiang2015.claims.GIVEN_SIGMA_M", (0.5, 2.0))
+    whole = seed_run.pipelines_in
 
     def fewer_nodes(file: str) -> str:
         nodes = '"elm", velocity_nodes = [40], heading_nodes = [40]'
@@ -29,7 +29,7 @@ def smaller(tickfix: Command, monkeypatch: pytest.MonkeyPatch) -> None:
         text = text.replace('"fusion-pf", preset', '"fusion-pf", particles = 100, preset')
         return text.replace('"elm"', nodes).replace('"elm-knn",', '"elm-knn", hidden = 50,')
 
-    monkeypatch.setattr(measure, "pipelines_in", fewer_nodes)
+    monkeypatch.setattr(seed_run, "pipelines_in", fewer_nodes)
 
 
 @pytest.mark.usefixtures("smaller")

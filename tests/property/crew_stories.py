@@ -19,15 +19,15 @@ import numpy as np
 from toys import sabotaged, toy_pipeline
 
 from tickfix.api import Event, Fix, MotionSamples, Pressure, Samples, Scan, Truth
-from tickfix.drivers.live.crew.crew import Crew
-from tickfix.drivers.live.crew.worker import Worker
-from tickfix.drivers.live.folding import Feed, Folding, Step
-from tickfix.drivers.live.replica import Replica
-from tickfix.drivers.live.watchdog.beacon import Beacon
-from tickfix.kernel import KernelSettings, Pipeline, sessions
+from tickfix.kernel import KernelSettings, Pipeline, deduplication
 from tickfix.kernel.timeline import Timeline
+from tickfix.live.heartbeat import WatchdogHeartbeat
+from tickfix.live.protocol import Executor, FeedEvent, ReplicaStep
+from tickfix.live.replica import Replica
+from tickfix.live.worker import Worker
+from tickfix.live.worker_pool import WorkerPool
 from tickfix.wire import encode_event
-from tickfix.wire.decisions import Drop, Finish, Fold, Primary, Run
+from tickfix.wire.engine_messages import AdmitScan, DropScan, FinishDevice, RunDevice, SelectPrimary
 
 MS = 1_000_000
 T0 = 5_000_000_000_000
@@ -47,20 +47,20 @@ def pipelines() -> tuple[Pipeline, ...]:
 PIPELINES = pipelines()
 
 
-def crew(workers: int) -> Crew:
+def crew(workers: int) -> WorkerPool:
     """Return a crew that has just begun."""
-    beacon = Beacon()
-    beacon.introduce(PIPELINES)
+    heartbeat = WatchdogHeartbeat()
+    heartbeat.register_stages(PIPELINES)
 
-    def work(n: int, line: Connection, notices: Connection) -> None:
-        own = beacon.of_worker(n)
-        replica = Replica(PIPELINES, SETTINGS, on_call=own.calling)
-        Worker(replica, line, notices, own, threads=1, timeout_s=60.0).serve()
+    def work(n: int, channel: Connection, completions: Connection) -> None:
+        own = heartbeat.for_worker(n)
+        replica = Replica(PIPELINES, SETTINGS, on_call=own.enter_stage)
+        Worker(replica, channel, completions, own, threads=1, timeout_s=60.0).serve()
 
-    return Crew(workers, work)
+    return WorkerPool(workers, work)
 
 
-def begun(workers: int) -> Folding:
+def begun(workers: int) -> Executor:
     """Return a replica, or a crew of some workers."""
     return crew(workers) if workers else Replica(PIPELINES, SETTINGS)
 
@@ -86,16 +86,16 @@ class Author:
     unrun: dict[str, None] = field(default_factory=dict)
     made: Counter[str] = field(default_factory=Counter)
 
-    def steps(self) -> Iterator[Step]:
+    def steps(self) -> Iterator[ReplicaStep]:
         """Yield the steps of a round."""
         for _ in range(int(self.rng.integers(1, 30))):
             step = self._step()
-            self.made[type(step.event if isinstance(step, Feed) else step).__name__] += 1
+            self.made[type(step.event if isinstance(step, FeedEvent) else step).__name__] += 1
             yield step
 
-    def runs(self) -> list[Step]:
+    def runs(self) -> list[ReplicaStep]:
         """Return what a snapshot needs: whatever was fed is run."""
-        runs: list[Step] = [Run(device=device) for device in self.unrun]
+        runs: list[ReplicaStep] = [RunDevice(device=device) for device in self.unrun]
         self.unrun.clear()
         return runs
 
@@ -136,7 +136,7 @@ class Author:
             return Truth(t_ns=t_ns, floor="F", xy=rng.random(2), **who)
         return Fix(t_ns=t_ns, floor="F", xy=rng.random(2), covariance=np.eye(2), **who)
 
-    def _step(self) -> Step:
+    def _step(self) -> ReplicaStep:
         kind, rng = self.rng.random(), self.rng
         device = DEVICES[int(rng.integers(len(DEVICES)))]
         if kind < 0.55:
@@ -146,19 +146,19 @@ class Author:
                 self.waiting[self.number] = event.device
             else:
                 self.unrun[event.device] = None
-            return Feed(self.number, event)
+            return FeedEvent(self.number, event)
         if kind < 0.7:
             number = next(iter(self.waiting), 0) if rng.random() < 0.9 else 10**6
             self.unrun[self.waiting.pop(number, device)] = None
-            return Drop(number=number, reason="so") if rng.random() < 0.2 else Fold(number=number)
+            return DropScan(number=number, reason="so") if rng.random() < 0.2 else AdmitScan(number=number)
         if kind < 0.95:
             tick = None if rng.random() < 0.7 else (T0 + MS * self.at_ms.get(device, 100_000)) // (200 * MS)
             self.unrun.pop(device, None)
             most = None if rng.random() < 0.8 else 3
             self.unrun |= {} if most is None else {device: None}
-            return Run(device=device, tick=tick, most=most)
+            return RunDevice(device=device, tick=tick, most=most)
         self.unrun.pop(device, None)
-        return Finish(device=device, reason="bye") if rng.random() < 0.8 else Primary(pipeline="other")
+        return FinishDevice(device=device, reason="bye") if rng.random() < 0.8 else SelectPrimary(pipeline="other")
 
 
 def same(what: str, *values: Any) -> None:
@@ -172,75 +172,78 @@ def tell(seed: int) -> Counter[str]:
     """Tell one story to a replica and two crews, each of which is replaced by others now and then."""
     author = Author(np.random.default_rng(seed))
     folders = [begun(workers) for workers in (0, 2, 3)]
-    said: Counter[str] = Counter()
+    estimates: Counter[str] = Counter()
     for _ in range(ROUNDS):
         steps = list(author.steps())
-        done = [folder.apply(steps) for folder in folders]
-        same("what came of the steps", *done)
-        said["estimates"] += sum(len(came.said) for came in done[0])
-        said["epochs"] = max([said["epochs"], *(came.standing.epoch for came in done[0] if came.standing)])
-        said["duplicates"] += sum(came.outcome == "duplicate" for came in done[0])
+        results = [folder.apply(steps) for folder in folders]
+        same("what came of the steps", *results)
+        estimates["estimates"] += sum(len(result.estimates) for result in results[0])
+        estimates["epochs"] = max(
+            [estimates["epochs"], *(result.progress.epoch for result in results[0] if result.progress)]
+        )
+        estimates["duplicates"] += sum(result.outcome == "duplicate" for result in results[0])
         asked = [author.event() for _ in range(5)]
-        same("what repeats", *([folder.repeats(event) for event in asked] for folder in folders))
-        same("standings", *(list(folder.standings().items()) for folder in folders))
+        same("what repeats", *([folder.is_duplicate(event) for event in asked] for folder in folders))
+        same("standings", *(list(folder.progress_by_device().items()) for folder in folders))
         same("scans that wait", *(list(folder.waiting) for folder in folders))
         same("primaries", *(folder.primary for folder in folders))
         if author.rng.random() < 0.3:
-            same("counters", *(books(folder) for folder in folders))
+            same("counters", *(counters(folder) for folder in folders))
         if author.rng.random() < 0.15:
             runs = author.runs()
             same("what the runs say", *(folder.apply(runs) for folder in folders))
             kept = [folder.snapshot() for folder in folders]
             same("snapshots", *kept)
-            said["snapshots"] += 1
-            said["snapshot bytes"] += len(kept[0])
+            estimates["snapshots"] += 1
+            estimates["snapshot bytes"] += len(kept[0])
             others = [begun(int(workers)) for workers in author.rng.integers(0, 5, 3)]
             for folder, data in zip(others, kept, strict=True):
                 folder.restore(data)
             end(folders)
             folders = others
     end(folders)
-    return author.made + said
+    return author.made + estimates
 
 
-def books(folder: Folding) -> Any:
+def counters(folder: Executor) -> Any:
     """Return the counters in an order that does not depend on what came first."""
-    found = folder.books()
+    found = folder.counters()
     return [found.devices, sorted(found.measurements.items()), found.missing, sorted(found.failures.items())]
 
 
-def end(folders: list[Folding]) -> None:
+def end(folders: list[Executor]) -> None:
     """End the workers of those that are crews."""
     for folder in folders:
-        if isinstance(folder, Crew):
+        if isinstance(folder, WorkerPool):
             folder.close()
 
 
 def bounds() -> Counter[str]:
     """Have more devices come and go than are remembered, and the first of them come back."""
-    sessions._RETIRED = remembered = 200  # the bound itself takes long to reach
+    deduplication._MAX_CLOSED_DEVICES = remembered = 200  # the bound itself takes long to reach
     folders = [begun(workers) for workers in (0, 2)]
     number, count = 0, remembered + 60
     seen: Counter[str] = Counter()
 
-    def fed(names: range, seq: int) -> list[Step]:
+    def fed(names: range, seq: int) -> list[ReplicaStep]:
         nonlocal number
         number += 1
         return [
-            Feed(number, Pressure(t_ns=T0, pressure_hpa=1000.0, device=f"d{n}", session="s", seq=seq)) for n in names
+            FeedEvent(number, Pressure(t_ns=T0, pressure_hpa=1000.0, device=f"d{n}", session="s", seq=seq))
+            for n in names
         ]
 
     for begin in range(0, count, 26):
         names = range(begin, begin + 26)
-        gone: list[Step] = [Finish(device=f"d{n}", reason="bye") for n in names]
+        gone: list[ReplicaStep] = [FinishDevice(device=f"d{n}", reason="bye") for n in names]
         same("what came of the steps", *(folder.apply(fed(names, 1) + gone) for folder in folders))
     back = fed(range(120), 1)
-    repeated = [[folder.repeats(step.event) for step in back if isinstance(step, Feed)] for folder in folders]
+    repeated = [[folder.is_duplicate(step.event) for step in back if isinstance(step, FeedEvent)] for folder in folders]
     same("what repeats", *repeated)
     seen["forgotten"], seen["remembered"] = repeated[0].count(False), repeated[0].count(True)
     same("what came of their return", *(folder.apply([*back, *fed(range(120), 2)]) for folder in folders))
-    same("what the runs say", *(folder.apply([Run(device=f"d{n}") for n in range(120)]) for folder in folders))
-    same("standings", *(list(folder.standings().items()) for folder in folders))
+    same("what the runs say", *(folder.apply([RunDevice(device=f"d{n}") for n in range(120)]) for folder in folders))
+    same("standings", *(list(folder.progress_by_device().items()) for folder in folders))
     same("snapshots", *(folder.snapshot() for folder in folders))
     end(folders)
     return seen
@@ -252,15 +255,15 @@ def large() -> Counter[str]:
     t = T0 + MS * np.arange(4_000)
     sensors = {"gyroscope": Samples(t, np.ones((len(t), 3)))}
     feeds = [
-        Feed(n, MotionSamples(sensors=sensors, device=device, session="s", seq=n))
+        FeedEvent(n, MotionSamples(sensors=sensors, device=device, session="s", seq=n))
         for n, device in enumerate(DEVICES * 6, 1)
     ]
-    leap: list[Step] = [Run(device=device, tick=T0 // (200 * MS) + 300) for device in DEVICES]
-    done = [folder.apply(feeds + leap) for folder in folders]
-    same("what came of the steps", *done)
+    leap: list[ReplicaStep] = [RunDevice(device=device, tick=T0 // (200 * MS) + 300) for device in DEVICES]
+    results = [folder.apply(feeds + leap) for folder in folders]
+    same("what came of the steps", *results)
     end(folders)
     sent = sum(len(encode_event(feed.event)) for feed in feeds)
-    return Counter({"bytes sent at once": sent, "bytes answered": len(msgspec.msgpack.encode(done[0]))})
+    return Counter({"bytes sent at once": sent, "bytes answered": len(msgspec.msgpack.encode(results[0]))})
 
 
 def defects() -> Counter[str]:
@@ -273,7 +276,7 @@ def defects() -> Counter[str]:
         return honest(self, event, **more)
 
     Timeline.insert = broken  # type: ignore[method-assign]
-    sessions._RETIRED = 3
+    deduplication._MAX_CLOSED_DEVICES = 3
     folders = [begun(workers) for workers in (0, 2, 3)]
     seen: Counter[str] = Counter()
     for n in range(1, 30):
@@ -283,12 +286,12 @@ def defects() -> Counter[str]:
             Pressure(t_ns=T0 + 200 * MS * n + at, pressure_hpa=hpa, device=device, session=f"s{n % 5}", seq=n + at)
             for at, device in enumerate(devices)
         ]
-        steps = [step for event in told for step in (Feed(n, event), Run(device=event.device))]
-        done = [folder.apply(steps) for folder in folders]
-        same("what came of the steps", *done)
-        seen["lost"] += sum(came.outcome == "malformed" for came in done[0])
-        same("what repeats", *([folder.repeats(event) for event in told] for folder in folders))
-        same("standings", *(list(folder.standings().items()) for folder in folders))
+        steps = [step for event in told for step in (FeedEvent(n, event), RunDevice(device=event.device))]
+        results = [folder.apply(steps) for folder in folders]
+        same("what came of the steps", *results)
+        seen["lost"] += sum(result.outcome == "malformed" for result in results[0])
+        same("what repeats", *([folder.is_duplicate(event) for event in told] for folder in folders))
+        same("standings", *(list(folder.progress_by_device().items()) for folder in folders))
         same("snapshots", *(folder.snapshot() for folder in folders))
     end(folders)
     return seen

@@ -16,11 +16,11 @@ from hypothesis import Phase, settings
 
 from tickfix import config
 from tickfix.api import Context, Estimate, Event, Fix, MotionSamples, Samples, Truth
-from tickfix.evaluation.track import Track, digest
-from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Outcome, Pipeline
-from tickfix.plugins import Registry, discover
+from tickfix.evaluation.tracks import Track, digest
+from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, MessageOutcome, Pipeline
+from tickfix.registry import Registry, discover
 from tickfix.simulation import office_building, simulate_survey, simulate_walks
-from tickfix.site.survey import survey
+from tickfix.site.survey_builder import survey_recordings
 
 EFFORT = 30 if os.environ.get("TICKFIX_HYPOTHESIS") == "explore" else 1
 """By how much more hypothesis tries when it is to look for something new."""
@@ -58,7 +58,7 @@ class Folded:
     published: Mapping[tuple[str, str], list[Estimate]]
     settled: Mapping[tuple[str, str], list[Estimate]]
     revised: Mapping[tuple[str, str], list[Estimate]]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[MessageOutcome, ...]
     intake: Counter[str]
     measurements: Counter[str]
     failures: Counter[str]
@@ -98,17 +98,19 @@ def small_lab() -> Lab:
     building = office_building(rng, width_m=48.0, height_m=24.0, access_points=8)
     surveyed = [walk.recording for walk in simulate_survey(building, "F1", rng, length_m=40.0)]
     (walk,) = simulate_walks(building, "F1", np.random.default_rng(5), count=1, length_m=8.0)
-    site = survey(surveyed, building.floors).site
+    site = survey_recordings(surveyed, building.floors).site
     lines = []
     for offer in registry().of_kind("filter"):
-        few = ", particles = 40" if "particles" in {field.name for field in config.describe(offer.cls)} else ""
+        few = (
+            ", particles = 40" if "particles" in {field.name for field in config.describe_parameters(offer.cls)} else ""
+        )
         lines += [f"[pipelines.{offer.name}]", 'pdr = "steps"', 'fingerprint = "wknn"', 'map = "walls"']
         lines += [f'filter = {{ use = "{offer.name}"{few} }}']
-    chosen = config.parse("\n".join(lines), "laws.toml", registry()).pipelines
+    chosen = config.parse_config("\n".join(lines), "laws.toml", registry()).pipelines
     context = Context(floors={floor.name: floor for floor in building.floors}, radio_map=site.radio_map)
     first = walk.recording.truth[0]
     return Lab(
-        pipelines={p.name: p for p in config.build(chosen, context, {})},
+        pipelines={p.name: p for p in config.build_pipelines(chosen, context, {})},
         events=tuple(merged(sorted(walk.recording.events, key=lambda e: e.arrival_ns), 2)),
         start=Fix(t_ns=first.t_ns, floor=first.floor, xy=first.xy, covariance=0.25 * np.eye(2)),
     )

@@ -16,7 +16,18 @@ def test_crews_of_any_size_say_what_one_replica_says_to_the_byte() -> None:
     done = subprocess.run(command, capture_output=True, check=False, encoding="utf-8", timeout=600 * EFFORT)  # noqa: S603
     assert (done.returncode, done.stderr) == (0, "")
     told = json.loads(done.stdout)
-    kinds = ("MotionSamples", "Scan", "Fix", "Pressure", "Truth", "Fold", "Drop", "Run", "Finish", "Primary")
+    kinds = (
+        "MotionSamples",
+        "Scan",
+        "Fix",
+        "Pressure",
+        "Truth",
+        "AdmitScan",
+        "DropScan",
+        "RunDevice",
+        "FinishDevice",
+        "SelectPrimary",
+    )
     assert all(told[kind] > 10 for kind in kinds), told
     assert told["estimates"] > 1000
     rare = ("duplicates", "epochs", "snapshots", "forgotten", "remembered", "lost")

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from lab import examples
 
 from tickfix.api import Context, Prior, pack
-from tickfix.plugins import discover
-from tickfix.testing import world
-from tickfix.testing.filters import together
+from tickfix.registry import discover
+from tickfix.testing import filter_batches, world
 
 FILTERS = {offer.cls.name: offer.cls for offer in discover().offers if offer.kind == "filter"}
 OF_MANY = sorted(name for name, cls in FILTERS.items() if hasattr(cls, "step_many"))
@@ -32,15 +31,17 @@ def built(name: str, preset: str) -> Any:
 @pytest.mark.parametrize(("name", "preset"), [(n, p) for n in OF_MANY for p in ("", *FILTERS[n].presets)])
 @examples(6)
 @given(
-    order=st.permutations(range(3 * together.DEVICES)),
-    cuts=st.lists(st.integers(0, 3 * together.DEVICES), max_size=4),
-    begun=st.lists(st.integers(0, TICKS - 2), min_size=3 * together.DEVICES, max_size=3 * together.DEVICES),
+    order=st.permutations(range(3 * filter_batches.N_DEVICES)),
+    cuts=st.lists(st.integers(0, 3 * filter_batches.N_DEVICES), max_size=4),
+    begun=st.lists(
+        st.integers(0, TICKS - 2), min_size=3 * filter_batches.N_DEVICES, max_size=3 * filter_batches.N_DEVICES
+    ),
 )
 def test_any_grouping_of_any_devices_says_the_same_bytes(
     name: str, preset: str, order: Sequence[int], cuts: list[int], begun: list[int]
 ) -> None:
     algorithm = built(name, preset)
-    walks = 3 * together.devices(TICKS)
+    walks = 3 * filter_batches.device_inputs(TICKS)
     every = range(len(walks))
     states = [algorithm.start(Prior(t_ns=world.T0_NS, fix=world.first_fix()), world.rng(5, d)) for d in every]
     edges = [0, *sorted(cuts), len(walks)]

@@ -13,9 +13,8 @@ from lab import examples, track_digest
 from toys import toy_pipeline
 
 from tickfix.api import Event, MotionSamples, Readings, Samples, Scan, Window
-from tickfix.drivers.live.locating import Located, Locator
-from tickfix.drivers.live.remembering import remembering
 from tickfix.kernel import Kernel, KernelSettings
+from tickfix.live.localization import LocalizationResult, LocatorThreads, with_fingerprint_cache
 
 MS = 1_000_000
 PATIENCE_S = 60.0
@@ -67,7 +66,7 @@ def test_the_loop_never_waits_for_a_scan_that_was_located_beside_it(
     events += [scan(250 * n, sources[n]) for n in order[:12]]
     events.sort(key=lambda e: (e.t_ns + 900 * MS * late[(e.t_ns - T0) // (250 * MS)], isinstance(e, Scan)))
     counting = [Counting(p.fingerprint.algorithm) for p in PLAIN if p.fingerprint is not None]
-    watched = remembering(
+    watched = with_fingerprint_cache(
         [
             type(p)(p.name, p.filter, p.pdr, type(p.fingerprint)("fingerprint", "toy", p.fingerprint.key, c))
             for p, c in zip(PLAIN, counting, strict=True)
@@ -78,10 +77,10 @@ def test_the_loop_never_waits_for_a_scan_that_was_located_beside_it(
     settled: dict[str, list[Any]] = {"beside": [], "plain": []}
     for event in events:
         if isinstance(event, Scan):
-            for question in beside.questions(event):
-                state = question.state
-                for window in question.windows:
-                    state, _ = question.stage.algorithm.step(state, window)
+            for fingerprint_request in beside.fingerprint_requests(event):
+                state = fingerprint_request.state
+                for window in fingerprint_request.windows:
+                    state, _ = fingerprint_request.stage.algorithm.step(state, window)
         asked = sum(len(c.steps) for c in counting)
         for name, kernel in (("beside", beside), ("plain", plain)):
             kernel.feed(event)
@@ -112,21 +111,21 @@ def test_a_thread_that_hangs_is_left_behind_and_others_go_on() -> None:
 
     fingerprint = PLAIN[0].fingerprint
     assert fingerprint is not None
-    (pipeline,) = remembering(
+    (pipeline,) = with_fingerprint_cache(
         [type(PLAIN[0])("p", PLAIN[0].filter, None, type(fingerprint)("fingerprint", "s", "s", Stuck()))]
     )
     kernel = Kernel([pipeline], SETTINGS)
     now_ns = [0]
-    locator = Locator(kernel.questions, woken.set, timeout_s=1.0, clock_ns=lambda: now_ns[0])
+    locator = LocatorThreads(kernel.fingerprint_requests, woken.set, timeout_s=1.0, clock_ns=lambda: now_ns[0])
     for number, t_ms in enumerate((0, 1000), 1):
-        locator.ask(number, scan(t_ms, "wifi"))
+        locator.submit(number, scan(t_ms, "wifi"))
     assert begun.wait(PATIENCE_S)
-    assert locator.done() == []
+    assert locator.results() == []
     now_ns[0] = 1_500 * MS
-    done: list[Located] = locator.done()
+    results: list[LocalizationResult] = locator.results()
     assert woken.wait(PATIENCE_S)
-    done += locator.done()
-    assert {(d.number, bool(d.reason)) for d in done} == {(1, True), (2, False)}
+    results += locator.results()
+    assert {(d.number, bool(d.reason)) for d in results} == {(1, True), (2, False)}
     assert locator.hung == 1
     assert locator.waiting == 0
     stuck.set()
@@ -149,13 +148,13 @@ def test_what_a_fingerprint_raises_is_raised_again_where_the_kernel_asks(error: 
 
     fingerprint = PLAIN[0].fingerprint
     assert fingerprint is not None
-    (pipeline,) = remembering(
+    (pipeline,) = with_fingerprint_cache(
         [type(PLAIN[0])("p", PLAIN[0].filter, None, type(fingerprint)("fingerprint", "f", "f", Failing()))]
     )
     kernel = Kernel([pipeline], KernelSettings())
-    for question in kernel.questions(scan(0, "wifi")):
+    for fingerprint_request in kernel.fingerprint_requests(scan(0, "wifi")):
         with pytest.raises(type(error)):
-            question.stage.algorithm.step(question.state, question.windows[0])
+            fingerprint_request.stage.algorithm.step(fingerprint_request.state, fingerprint_request.windows[0])
     kernel.feed(scan(0, "wifi"))
     (estimate,) = kernel.finish("d").published
     assert estimate.failed_by == f"fingerprint 'f': {type(error).__name__}"

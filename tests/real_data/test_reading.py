@@ -10,8 +10,8 @@ import pytest
 
 from tickfix.api import MotionSamples, Scan
 from tickfix.readers.indoor_location import IndoorLocationReader
-from tickfix.site.folder import load, save
-from tickfix.site.survey import floors_of, survey
+from tickfix.site.folder import load_site, save_site
+from tickfix.site.survey_builder import read_floor_plans, survey_recordings
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_a_floor_of_the_mall_is_read_and_surveyed(
         assert samples["accelerometer"] > 45 * duration_s
     assert counts["wifi"] == wifi_scans
 
-    floors, problems = floors_of(reader, recordings)
+    floors, problems = read_floor_plans(reader, recordings)
     assert problems == ()
     assert floors[0].level == level
     assert floors[0].height_m == pytest.approx(height_m, abs=0.01)
@@ -62,7 +62,7 @@ def test_a_floor_of_the_mall_is_read_and_surveyed(
     assert np.concatenate(floors[0].outline).min(axis=0) == pytest.approx([0, 0], abs=1e-6)
     assert len(ring) > 10
 
-    site = survey(recordings, floors, holdout=0.3).site
+    site = survey_recordings(recordings, floors, holdout=0.3).site
     assert len(site.held_out) == held_out
     assert {held.walk for held in site.held_out}.isdisjoint(track.walk for track in site.survey_tracks)
     assert {held.chain for held in site.held_out}.isdisjoint(track.chain for track in site.survey_tracks)
@@ -74,8 +74,8 @@ def test_a_floor_of_the_mall_is_read_and_surveyed(
     assert (np.floor(radio.sample_xy / 2.0) == cells[radio.sample_point]).all()
     assert (radio.sample_xy >= 0).all()
     assert (radio.sample_xy <= [floors[0].width_m, floors[0].height_m]).all()
-    save(site, tmp_path / "site")
-    again = load(tmp_path / "site")
+    save_site(site, tmp_path / "site")
+    again = load_site(tmp_path / "site")
     assert again.radio_map.sample_xy.tobytes() == radio.sample_xy.tobytes()
     assert again.held_out == site.held_out
     assert again.held_out[0].file() == site.held_out[0].path

@@ -4,17 +4,25 @@ A plugin is a class of one of four kinds and one hook that offers it. Start from
 halves, a stateless fingerprint …), run :mod:`tickfix.testing` on it, and choose it by name in a pipeline.
 """
 
-from tickfix.api.algorithms import Filter, FilterOfMany, Fingerprint, Pdr, Rng, Trained
-from tickfix.api.arrays import Bools, Floats, Ints, frozen
-from tickfix.api.bases import (
+from tickfix.api.algorithms import (
     BaseFilter,
     BaseFingerprint,
     BaseMap,
     BasePdr,
+    BatchFilter,
+    Filter,
+    Fingerprint,
+    NoParams,
+    Pdr,
     PredictUpdateFilter,
+    Preset,
+    Rng,
     Stateless,
     StatelessFingerprint,
+    TrainedModel,
+    parameter,
 )
+from tickfix.api.arrays import Bools, Floats, Ints, displacement, frozen, heading_of, wrap_rad
 from tickfix.api.errors import ConfigError, EventError, PluginError, ReaderError, SiteError, TickfixError
 from tickfix.api.events import (
     LATEST_NS,
@@ -29,24 +37,11 @@ from tickfix.api.events import (
     Truth,
     motion_samples,
 )
-from tickfix.api.geometry import displacement, heading_of, wrap_rad
 from tickfix.api.hooks import API_VERSION, hookimpl
 from tickfix.api.packing import pack, unpack
-from tickfix.api.parameters import NoParams, Preset, parameter
 from tickfix.api.recordings import Reader, Recording, Sink
 from tickfix.api.site import Context, Floor, FloorMap, RadioMap, Survey, SurveyWalk
-from tickfix.api.values import (
-    Belief,
-    Component,
-    Estimate,
-    Motion,
-    Observation,
-    Prior,
-    Readings,
-    Report,
-    Status,
-    Window,
-)
+from tickfix.api.values import Belief, Component, Estimate, Motion, Observation, Prior, Readings, Report, Status, Window
 
 __all__ = [
     "API_VERSION",
@@ -57,6 +52,7 @@ __all__ = [
     "BaseFingerprint",
     "BaseMap",
     "BasePdr",
+    "BatchFilter",
     "Belief",
     "Bools",
     "Component",
@@ -66,7 +62,6 @@ __all__ = [
     "Event",
     "EventError",
     "Filter",
-    "FilterOfMany",
     "Fingerprint",
     "Fix",
     "Floats",
@@ -100,7 +95,7 @@ __all__ = [
     "Survey",
     "SurveyWalk",
     "TickfixError",
-    "Trained",
+    "TrainedModel",
     "Truth",
     "Window",
     "displacement",

@@ -1,4 +1,4 @@
-"""The interfaces of the four kinds of algorithms; :mod:`tickfix.api.bases` has bases for their usual shapes.
+"""The interfaces of the four kinds of algorithms; :mod:`tickfix.api.algorithms` has bases for their usual shapes.
 
 Every algorithm is a class built as ``Algorithm(params, context, trained)``:
 
@@ -15,20 +15,23 @@ another. The class names its state type as ``State``, so that states can be pack
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol, TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tickfix.api.events import MotionSamples
-from tickfix.api.parameters import Preset
+from tickfix.api.arrays import Bools, Floats
+from tickfix.api.events import Fix, MotionSamples
 from tickfix.api.site import Context, Survey
 from tickfix.api.values import Belief, Motion, Observation, Prior, Readings, Report, Window
 
-Trained: TypeAlias = Mapping[str, NDArray[Any]]
+TrainedModel: TypeAlias = Mapping[str, NDArray[Any]]
 Rng: TypeAlias = np.random.Generator
-Train: TypeAlias = Callable[[Any, Survey, Rng], Trained]
+TrainFunction: TypeAlias = Callable[[Any, Survey, Rng], TrainedModel]
 """The optional static method ``train(params, survey, rng)``: learn from the survey, return named arrays."""
 
 KINDS: tuple[str, ...] = ("pdr", "fingerprint", "filter", "map", "reader", "sink")
@@ -43,7 +46,7 @@ class Algorithm(Protocol):
     Params: ClassVar[type[Any]]
     presets: ClassVar[Mapping[str, Preset]]
 
-    def __init__(self, params: Any, context: Context, trained: Trained | None) -> None: ...
+    def __init__(self, params: Any, context: Context, trained: TrainedModel | None) -> None: ...
 
 
 class Pdr(Protocol):
@@ -95,7 +98,7 @@ class Filter(Protocol):
         ...
 
 
-class FilterOfMany(Filter, Protocol):
+class BatchFilter(Filter, Protocol):
     """A filter that may be asked for many devices at once; optional, for filters that are faster so.
 
     Both methods must say, bit for bit, what ``step`` and ``estimate`` say of each device alone, whichever devices are
@@ -120,3 +123,199 @@ class FilterOfMany(Filter, Protocol):
     def estimate_many(self, states: Sequence[Any]) -> Sequence[Belief]:
         """Say what each state means."""
         ...
+
+
+def parameter(
+    doc: str,
+    *,
+    unit: str = "",
+    source: str = "",
+    trains: bool = False,
+    ge: float | None = None,
+    gt: float | None = None,
+    le: float | None = None,
+    lt: float | None = None,
+) -> msgspec.Meta:
+    """Describe a field of ``Params`` inside ``Annotated``.
+
+    Args:
+        doc: what it is, in a few words.
+        unit: ``"m"``, ``"rad"``, ``"s"`` …, empty for a pure number.
+        source: the equation or section it comes from, as ``"[jiang2015] eq. (18)"``.
+        trains: whether what ``train`` learns depends on it; such a model serves only the values it was trained with.
+        ge, gt, le, lt: the allowed range.
+    """
+    bounds: dict[str, Any] = {
+        name: bound for name, bound in (("ge", ge), ("gt", gt), ("le", le), ("lt", lt)) if bound is not None
+    }
+    return msgspec.Meta(description=doc, extra={"unit": unit, "source": source, "trains": trains}, **bounds)
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A named set of parameters, usually a paper's: ``filter = { use = "fusion-pf", preset = "jiang2015" }``."""
+
+    source: str
+    values: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class NoParams:
+    """The parameters of an algorithm that has none."""
+
+
+P = TypeVar("P")
+S = TypeVar("S")
+
+
+class _AlgorithmBase(ABC, Generic[P]):
+    """What all bases share: the three things an algorithm is built of."""
+
+    kind: ClassVar[str]
+    name: ClassVar[str]
+    source: ClassVar[str] = ""
+    Params: ClassVar[type[Any]] = NoParams
+    presets: ClassVar[Mapping[str, Preset]] = {}
+
+    def __init__(self, params: P, context: Context, trained: TrainedModel | None = None) -> None:
+        """Keep the three; an algorithm that prepares something extends this."""
+        self.params: P = params
+        self.context = context
+        self.trained = trained
+
+
+class BasePdr(_AlgorithmBase[P]):
+    """Base of dead-reckoning algorithms."""
+
+    kind = "pdr"
+    State: ClassVar[type[Any]]
+
+    @abstractmethod
+    def start(self) -> Any:
+        """Return the state before any sample."""
+
+    @abstractmethod
+    def step(self, state: Any, samples: MotionSamples) -> tuple[Any, Motion]:
+        """Fold the samples of a tick."""
+
+
+class BaseFingerprint(_AlgorithmBase[P]):
+    """Base of fingerprints with a state of their own."""
+
+    kind = "fingerprint"
+    State: ClassVar[type[Any]]
+
+    @property
+    def window(self) -> Window:
+        """The default window: everything heard in the last five seconds."""
+        return Window()
+
+    @abstractmethod
+    def start(self) -> Any:
+        """Return the state before any scan."""
+
+    @abstractmethod
+    def step(self, state: Any, window: Readings) -> tuple[Any, Observation]:
+        """Fold the newest scan."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stateless:
+    """The state of an algorithm that keeps none."""
+
+
+class StatelessFingerprint(BaseFingerprint[P]):
+    """Base of fingerprints that need nothing but the window: write ``locate(window) -> Fix | None``."""
+
+    State = Stateless
+
+    def start(self) -> Stateless:
+        """Return the empty state."""
+        return Stateless()
+
+    def step(self, state: Stateless, window: Readings) -> tuple[Stateless, Observation]:
+        """Locate the window."""
+        return state, Observation(t_ns=window.t_ns, source=self.name, fix=self.locate(window))
+
+    @abstractmethod
+    def locate(self, window: Readings) -> Fix | None:
+        """Return the position of the window, None where its readings do not tell one."""
+
+
+class BaseFilter(_AlgorithmBase[P]):
+    """Base of filters."""
+
+    kind = "filter"
+    State: ClassVar[type[Any]]
+
+    @abstractmethod
+    def start(self, prior: Prior, rng: Rng) -> Any | None:
+        """Return the state at the prior, or None to wait for one that says more."""
+
+    @abstractmethod
+    def step(self, state: Any, motion: Motion, observations: Sequence[Observation], rng: Rng) -> tuple[Any, Report]:
+        """Fold one tick."""
+
+    @abstractmethod
+    def estimate(self, state: Any) -> Belief:
+        """Say what the state means."""
+
+
+class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
+    """Base of filters in two halves: write ``begin``, ``predict``, ``update`` and ``estimate``."""
+
+    def start(self, prior: Prior, rng: Rng) -> S | None:
+        """Begin at the prior's fix, wait where there is none."""
+        return None if prior.fix is None else self.begin(prior.fix, rng)
+
+    def step(self, state: S, motion: Motion, observations: Sequence[Observation], rng: Rng) -> tuple[S, Report]:
+        """Predict once, then update with each observation that has a fix."""
+        return self.correct(self.predict(state, motion, rng), observations, rng)
+
+    def correct(self, state: S, observations: Sequence[Observation], rng: Rng) -> tuple[S, Report]:
+        """Update a state that is predicted already with each observation that has a fix."""
+        total = Report()
+        for observation in observations:
+            if observation.fix is not None:
+                state, report = self.update(state, observation.fix, rng)
+                total = replace(
+                    report,
+                    used=total.used + report.used,
+                    gated=total.gated + report.gated,
+                    reasons=total.reasons + report.reasons,
+                )
+        return state, total
+
+    @abstractmethod
+    def begin(self, fix: Fix, rng: Rng) -> S:
+        """Return the state at ``fix``."""
+
+    @abstractmethod
+    def predict(self, state: S, motion: Motion, rng: Rng) -> S:
+        """Move the state through one tick."""
+
+    @abstractmethod
+    def update(self, state: S, fix: Fix, rng: Rng) -> tuple[S, Report]:
+        """Correct the state by a fix."""
+
+
+class BaseMap(_AlgorithmBase[P]):
+    """Base of floor maps; ``context.floor`` is the floor to map. See :class:`~tickfix.api.site.FloorMap`."""
+
+    kind = "map"
+
+    @abstractmethod
+    def contains(self, xy: Floats) -> Bools:
+        """Tell for each point whether one can stand there."""
+
+    @abstractmethod
+    def crosses(self, a: Floats, b: Floats) -> Bools:
+        """Tell for each move whether it passes through or touches a wall."""
+
+    @abstractmethod
+    def nearest_free(self, xy: Floats) -> Floats:
+        """Return for each point the nearest place where one can stand."""
+
+    @abstractmethod
+    def snap(self, previous: Floats | None, xy: Floats) -> Floats:
+        """Return a place that the map allows."""

@@ -1,8 +1,10 @@
-"""Array types of the interface, and the one way an array crosses it: contiguous, typed, read-only."""
+"""Array types of the API, the one way an array crosses it (contiguous, typed, read-only), and angles: headings run
+clockwise from +y (north)."""
 
 from __future__ import annotations
 
-from typing import Any, Final, TypeAlias, TypeGuard
+import math
+from typing import Any, Final, TypeAlias, TypeGuard, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +39,7 @@ def frozen_floats(name: str, values: ArrayLike, *shape: int | None) -> Floats:
     Raises:
         EventError: naming the field ``name`` when it is not numeric or has another shape.
     """
-    return values if _is_frozen(values, _FLOAT64, shape) else _frozen(name, values, _FLOAT64, shape)
+    return values if _is_frozen_as(values, _FLOAT64, shape) else _freeze_checked(name, values, _FLOAT64, shape)
 
 
 def frozen_ints(name: str, values: ArrayLike, *shape: int | None) -> Ints:
@@ -46,39 +48,58 @@ def frozen_ints(name: str, values: ArrayLike, *shape: int | None) -> Ints:
     Raises:
         EventError: naming the field ``name`` when it holds anything but integers or has another shape.
     """
-    if _is_frozen(values, _INT64, shape):
+    if _is_frozen_as(values, _INT64, shape):
         return values
     array = np.asarray(values)
     if array.size and array.dtype.kind not in "iu":
         raise EventError(f"{name}: found {array.dtype}, expected integers")
-    return _frozen(name, array, _INT64, shape)
+    return _freeze_checked(name, array, _INT64, shape)
 
 
-def _is_frozen(values: ArrayLike, dtype: np.dtype[Any], shape: tuple[int | None, ...]) -> TypeGuard[NDArray[Any]]:
+def _is_frozen_as(values: ArrayLike, dtype: np.dtype[Any], shape: tuple[int | None, ...]) -> TypeGuard[NDArray[Any]]:
     """Whether :func:`_frozen` would return this very array, as it does where one came over the wire."""
     if type(values) is not np.ndarray or values.dtype is not dtype:
         return False
     flags = values.flags
-    return flags.c_contiguous and not flags.writeable and _fits(values.shape, shape)
+    return flags.c_contiguous and not flags.writeable and _has_shape(values.shape, shape)
 
 
-def _frozen(name: str, values: ArrayLike, dtype: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
+def _freeze_checked(name: str, values: ArrayLike, dtype: Any, shape: tuple[int | None, ...]) -> NDArray[Any]:
     try:
         array = frozen(values, dtype)
     except (TypeError, ValueError) as error:
         raise EventError(f"{name}: found {values!r:.80}, expected an array of numbers") from error
     if array.size == 0 and len(shape) != array.ndim:
         array = frozen(np.empty([0 if n is None else n for n in shape], dtype))
-    if not _fits(array.shape, shape):
+    if not _has_shape(array.shape, shape):
         wanted = " × ".join("n" if n is None else str(n) for n in shape)
         raise EventError(f"{name}: found shape {array.shape}, expected {wanted}")
     return array
 
 
-def _fits(found: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+def _has_shape(found: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
     if len(found) != len(wanted):
         return False
     for n, m in zip(found, wanted, strict=True):  # noqa: SIM110 - setting up a generator takes longer
         if m is not None and n != m:
             return False
     return True
+
+
+@overload
+def wrap_rad(angle: float) -> float: ...
+@overload
+def wrap_rad(angle: Floats) -> Floats: ...
+def wrap_rad(angle: float | Floats) -> float | Floats:
+    """Wrap an angle, or an array of them, into [−π, π)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def displacement(distance_m: float | Floats, heading_rad: float | Floats) -> Floats:
+    """Return the way (…, 2) of ``distance_m`` along ``heading_rad``: d·sin θ, d·cos θ [jiang2015] eq. (13)."""
+    return np.stack([distance_m * np.sin(heading_rad), distance_m * np.cos(heading_rad)], axis=-1)
+
+
+def heading_of(way: Floats) -> float:
+    """Return the heading of a displacement (2,), clockwise from +y."""
+    return math.atan2(float(way[0]), float(way[1]))

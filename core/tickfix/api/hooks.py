@@ -11,10 +11,16 @@ A module may say which interface it was written for, ``TICKFIX_API = 1``; one th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Final
 
 import pluggy
+
+from tickfix.api.algorithms import KINDS
 
 API_VERSION: Final = 1
 """Changes when a plugin that worked would no longer do so."""
@@ -36,3 +42,69 @@ def tickfix_register() -> Sequence[type[Any]]:  # type: ignore[empty-body]
 
     Since API version 1.
     """
+
+
+_NAME_PATTERN: Final = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+_REQUIRED_METHODS: Final[Mapping[str, Mapping[str, tuple[str, ...]]]] = MappingProxyType(
+    {
+        "pdr": {"start": (), "step": ("state", "samples")},
+        "fingerprint": {"start": (), "step": ("state", "window")},
+        "filter": {
+            "start": ("prior", "rng"),
+            "step": ("state", "motion", "observations", "rng"),
+            "estimate": ("state",),
+        },
+        "map": {"contains": ("xy",), "crosses": ("a", "b"), "nearest_free": ("xy",), "snap": ("previous", "xy")},
+        "reader": {"recordings": ("path",), "read": ("path",), "floor": ("path",)},
+        "sink": {"write": ("estimate",), "close": ()},
+    }
+)
+
+
+def check_algorithm_class(cls: Any) -> None:
+    """Check that a class is an algorithm, reader or sink that tickfix can use.
+
+    Raises:
+        ValueError: saying what is wrong and what is expected.
+    """
+    if not isinstance(cls, type):
+        raise ValueError(f"offers {cls!r:.60}, expected a class")  # noqa: TRY004 - one kind of error for all checks
+    kind, name = getattr(cls, "kind", None), getattr(cls, "name", None)
+    if kind not in KINDS:
+        raise ValueError(f"class {cls.__name__} has kind {kind!r}, expected one of {', '.join(KINDS)}")
+    if not isinstance(name, str) or not _NAME_PATTERN.fullmatch(name):
+        raise ValueError(f"class {cls.__name__} has name {name!r}, expected lower-case words joined by hyphens")
+    missing = sorted(getattr(cls, "__abstractmethods__", ())) or [
+        m for m in _REQUIRED_METHODS[kind] if not hasattr(cls, m)
+    ]
+    if missing:
+        raise ValueError(f"class {cls.__name__} does not define {', '.join(missing)}, which a {kind} needs")
+    for method, names in _REQUIRED_METHODS[kind].items():
+        _check_signature(cls, method, names)
+    if kind in ("pdr", "fingerprint", "filter", "map"):
+        _check_params(cls)
+    if kind in ("pdr", "fingerprint", "filter") and not dataclasses.is_dataclass(getattr(cls, "State", None)):
+        raise ValueError(f"class {cls.__name__} names no State, expected the frozen dataclass of its states")
+
+
+def _check_signature(cls: type[Any], method: str, names: tuple[str, ...]) -> None:
+    function: Callable[..., Any] = getattr(cls, method)
+    try:
+        inspect.signature(function).bind(None, *names)
+    except TypeError:
+        found = ", ".join(list(inspect.signature(function).parameters)[1:])
+        wanted = ", ".join(names)
+        raise ValueError(f"{cls.__name__}.{method} takes ({found}), expected ({wanted})") from None
+
+
+def _check_params(cls: type[Any]) -> None:
+    params = getattr(cls, "Params", None)
+    if not (isinstance(params, type) and dataclasses.is_dataclass(params)):
+        raise ValueError(f"class {cls.__name__} has Params {params!r}, expected a frozen dataclass")
+    bare = [
+        f.name
+        for f in dataclasses.fields(params)
+        if f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+    ]
+    if bare:
+        raise ValueError(f"{cls.__name__}.Params gives {', '.join(bare)} no default, every parameter needs one")

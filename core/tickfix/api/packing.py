@@ -21,12 +21,12 @@ T = TypeVar("T")
 
 _ARRAY: Final = 1
 _DATACLASS: Final = 2
-_DTYPES: Final = frozenset("biuf")
-_SIMPLE: Final = frozenset({float, int, bool, str, bytes, type(None)})
+_DTYPE_KINDS: Final = frozenset("biuf")
+_SCALAR_TYPES: Final = frozenset({float, int, bool, str, bytes, type(None)})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Packed:
+class PrepackedValue:
     """Stands, in what is packed, for the dataclass or array that was packed to these bytes before."""
 
     data: bytes
@@ -38,7 +38,7 @@ def pack(state: Any) -> bytes:
     Raises:
         TypeError: naming what it found when a value is of a type that states may not hold.
     """
-    packed: bytes = msgpack.packb(_reduce(state), use_bin_type=True)
+    packed: bytes = msgpack.packb(_to_packable(state), use_bin_type=True)
     return packed
 
 
@@ -49,7 +49,7 @@ def unpack(data: bytes, like: type[T]) -> T:
         ValueError: when the bytes are no such value.
     """
     expected: Any = like  # a type, for the cache: of type[T] mypy does not know that it can be hashed
-    known = _dataclasses_within(expected)
+    known = _reachable_dataclasses(expected)
 
     def build(code: int, body: bytes) -> Any:
         if code == _ARRAY:
@@ -81,10 +81,10 @@ def nbytes(state: Any) -> int:
         kind = value.__class__
         if kind is tuple:
             todo += value
-        elif kind not in _SIMPLE:
+        elif kind not in _SCALAR_TYPES:
             if isinstance(value, np.ndarray):
                 found += int(value.nbytes) + 32
-            elif (within := values_within(kind)) is not None:
+            elif (within := field_values_getter(kind)) is not None:
                 todo += within(value)
             elif isinstance(value, tuple):
                 todo += value
@@ -92,7 +92,7 @@ def nbytes(state: Any) -> int:
 
 
 @lru_cache(maxsize=1024)
-def values_within(cls: Any) -> Callable[[Any], tuple[Any, ...]] | None:
+def field_values_getter(cls: Any) -> Callable[[Any], tuple[Any, ...]] | None:
     """Return what gives the values of a dataclass's fields, None for another class; states are walked at every tick."""
     if not dataclasses.is_dataclass(cls):
         return None
@@ -102,28 +102,28 @@ def values_within(cls: Any) -> Callable[[Any], tuple[Any, ...]] | None:
     return lambda value: tuple(getattr(value, name) for name in names)
 
 
-def _reduce(value: Any) -> Any:
-    if value.__class__ in _SIMPLE:
+def _to_packable(value: Any) -> Any:
+    if value.__class__ in _SCALAR_TYPES:
         return value
     if isinstance(value, (int, float, str, bytes, np.generic)):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, np.ndarray):
-        if value.dtype.kind not in _DTYPES:
+        if value.dtype.kind not in _DTYPE_KINDS:
             raise TypeError(f"states hold arrays of numbers, found dtype {value.dtype}")
         little = np.ascontiguousarray(value, dtype=value.dtype.newbyteorder("<"))
         return msgpack.ExtType(_ARRAY, msgpack.packb([little.dtype.str, list(value.shape), little.tobytes()]))
     if isinstance(value, tuple):
-        return [_reduce(item) for item in value]
-    if isinstance(value, Packed):
+        return [_to_packable(item) for item in value]
+    if isinstance(value, PrepackedValue):
         return msgpack.unpackb(value.data)  # to its type and bytes: what is in them stays as it is
-    if (within := values_within(value.__class__)) is not None:
-        fields = [_reduce(item) for item in within(value)]
+    if (within := field_values_getter(value.__class__)) is not None:
+        fields = [_to_packable(item) for item in within(value)]
         return msgpack.ExtType(_DATACLASS, msgpack.packb([type(value).__qualname__, *fields], use_bin_type=True))
     raise TypeError(f"states hold arrays, numbers, strings, tuples and dataclasses, found {type(value).__name__}")
 
 
 @lru_cache(maxsize=256)
-def _dataclasses_within(root: Any) -> Mapping[str, type[Any]]:
+def _reachable_dataclasses(root: Any) -> Mapping[str, type[Any]]:
     found: dict[str, type[Any]] = {}
     todo = [root]
     while todo:

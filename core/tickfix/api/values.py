@@ -213,7 +213,7 @@ class Report:
         used: number of observations that corrected the belief.
         gated: number that were refused as implausible.
         innovation_m: distance between the last observation and what the filter expected, None without one.
-        gate: its normalised squared innovation, None where the filter computes none.
+        nis: its normalised squared innovation, None where the filter computes none.
         lost: the filter does not know where it is.
         reasons: short words for what happened, such as ``"recovered"`` or ``"all particles crossed walls"``.
     """
@@ -221,7 +221,7 @@ class Report:
     used: int = 0
     gated: int = 0
     innovation_m: float | None = None
-    gate: float | None = None
+    nis: float | None = None
     lost: bool = False
     reasons: tuple[str, ...] = ()
 
@@ -249,11 +249,11 @@ class Estimate:
         device, pipeline: who is followed, and by which pipeline.
         epoch: counts the starts of the device's clock.
         tick: k; ``t_ns`` is k·200 ms of device time.
-        status: see :class:`Status`.
+        status: see :class:`EngineStatus`.
         belief: None while initialising.
         motion_age_ns, observation_age_ns: time since the last motion was measured and since an observation was last
             used; None before the first.
-        innovation_m, gate: of the newest observation of this tick, see :class:`Report`.
+        innovation_m, nis: of the newest observation of this tick, see :class:`Report`.
         failed_by: the stage that failed and why, empty when none did.
         reasons: what the filter reported.
         revision: 0 as published when the tick closed; each revision counts one up.
@@ -269,7 +269,7 @@ class Estimate:
     motion_age_ns: int | None = None
     observation_age_ns: int | None = None
     innovation_m: float | None = None
-    gate: float | None = None
+    nis: float | None = None
     failed_by: str = ""
     reasons: tuple[str, ...] = ()
     revision: int = 0

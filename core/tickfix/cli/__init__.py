@@ -1,4 +1,4 @@
-"""The ``tickfix`` command: it parses, asks the rest of tickfix, and prints."""
+"""The ``tickfix`` command: a thin layer that parses arguments, calls the packages below and prints."""
 
 import os
 

@@ -11,25 +11,27 @@ from typing import Annotated, Any
 import typer
 
 from tickfix.api import ConfigError, Floor
-from tickfix.cli.output import print_json, progress, registry, stdout, warn, warn_of
-from tickfix.cli.replay import PipelineNames, Start, configured
+from tickfix.cli.console import print_json, progress, registry, stdout, warn, warn_each
+from tickfix.cli.replay import PipelineNames, StartMode, override_config, select_walks, warn_untrained
 from tickfix.cli.survey import ConfigFile, Seed
-from tickfix.cli.walks import chosen_walks, warn_untrained
-from tickfix.config import Config, load
-from tickfix.drivers.live.runs.recorded import journaled_config, journaled_site, write_walks
-from tickfix.drivers.recordings import Progress, find
-from tickfix.drivers.surveying import read_walks
-from tickfix.evaluation.comparison.folds import SPARE, fold_grounds
-from tickfix.evaluation.comparison.grounds import Ground, ground_names, ground_of
-from tickfix.evaluation.comparison.points import Scope
-from tickfix.evaluation.comparison.result import METRICS, Result, result_of
-from tickfix.evaluation.comparison.store import Store
-from tickfix.evaluation.comparison.trial import Terms, Trial, run_ground, settings_of
-from tickfix.evaluation.comparison.versions import code_digest, versions
-from tickfix.evaluation.tables import pooled_table
-from tickfix.plugins import Registry
-from tickfix.site.folder import load as load_site
-from tickfix.site.manifest import is_site
+from tickfix.config import Config, load_config
+from tickfix.evaluation.comparison.comparison_result import METRICS, ComparisonResult, compare_trials
+from tickfix.evaluation.comparison.evaluation_sites import (
+    HOLDOUT_SHARE,
+    EvaluationSite,
+    crossvalidation_sites,
+    evaluation_site_names,
+    surveyed_site,
+)
+from tickfix.evaluation.comparison.pooled_metrics import Scope
+from tickfix.evaluation.comparison.trial_outcomes import OutcomeStore
+from tickfix.evaluation.comparison.trials import Trial, TrialOptions, code_digest, run_site, stage_choices, versions
+from tickfix.evaluation.report.terminal import pooled_table
+from tickfix.live.journal_replay import journaled_config, journaled_site, write_walks
+from tickfix.registry import Registry
+from tickfix.replay.recording_files import Progress, find_recordings
+from tickfix.replay.site_survey import read_walks
+from tickfix.site.folder import is_site, load_site
 
 _OUTCOMES = "outcomes"
 _WALKS = "walks"
@@ -50,9 +52,10 @@ def compare(
         int | None,
         typer.Option("--crossvalidate", metavar="K", help="The places are recordings: survey and run them in K folds."),
     ] = None,
-    spare: Annotated[
-        float, typer.Option("--spare", min=0.0, max=1.0, help="Share of walks that cross-validation leaves alone.")
-    ] = SPARE,
+    holdout_share: Annotated[
+        float,
+        typer.Option("--holdout-share", min=0.0, max=1.0, help="Share of walks that cross-validation leaves alone."),
+    ] = HOLDOUT_SHARE,
     config: ConfigFile = None,
     pipeline: PipelineNames = None,
     baseline: Annotated[
@@ -66,7 +69,7 @@ def compare(
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, metavar="N", help="Processes; one a core without it.")
     ] = None,
-    start: Annotated[Start, typer.Option("--start", help="What pipelines know of the start.")] = Start.UNKNOWN,
+    start: Annotated[StartMode, typer.Option("--start", help="What pipelines know of the start.")] = StartMode.UNKNOWN,
     draw: Annotated[
         int, typer.Option("--draw", min=0, metavar="N", help="Draw at most N walks, the worst first.")
     ] = 100,
@@ -74,44 +77,46 @@ def compare(
     strict: Annotated[bool, typer.Option("--strict", help="Stop where a stage fails.")] = False,
 ) -> None:
     """Compare pipelines on the same walks: how much better, how surely, where, and at what cost."""
-    found = registry()
-    loaded = load(config, found) if journal is None or config is not None else journaled_config(journal, found)
-    settings = configured(loaded, pipeline, seed, strict=strict)
+    plugins = registry()
+    loaded = (
+        load_config(config, plugins) if journal is None or config is not None else journaled_config(journal, plugins)
+    )
+    settings = override_config(loaded, pipeline, seed, strict=strict)
     places = list(places or [])
     if journal is not None:
         places = [*(places or [journaled_site(journal)]), *write_walks(journal, report / _WALKS)]
     names = [p.name for p in settings.pipelines]
-    against = _among("--baseline", baseline or names[0], names)
-    _among("--metric", metric, METRICS)
+    against = _require_known("--baseline", baseline or names[0], names)
+    _require_known("--metric", metric, METRICS)
     first = settings.kernel.seed
-    terms = Terms(
+    trial_options = TrialOptions(
         config=settings,
         seeds=tuple(range(first, first + seeds)),
-        start_known=start is Start.FIRST_WAYPOINT,
-        store=Store(report / _OUTCOMES),
+        start_known=start is StartMode.FIRST_WAYPOINT,
+        store=OutcomeStore(report / _OUTCOMES),
     )
     report.mkdir(parents=True, exist_ok=True)
     with progress() as show:
         if crossvalidate is None:
-            grounds = _surveyed(places, settings, config, found, holdout=holdout)
+            evaluation_sites = _sites_from_folders(places, settings, config, plugins, holdout=holdout)
         else:
             if holdout:
                 raise ConfigError("compare", "--holdout with --crossvalidate", "one of the two")
-            grounds = _folded(places, settings, found, crossvalidate, spare, show)
-        trials = _run(terms, grounds, workers, show)
-    provenance = _provenance(terms, grounds, crossvalidate, spare)
-    result = result_of(trials, baseline=against, metric=metric, provenance=provenance)
-    warn_of(tuple(f"{what} ({count} ticks)" for what, count in result.failures.items()), "failures")
-    from tickfix.evaluation.report.folder import write_report  # noqa: PLC0415 - matplotlib is slow to import
+            evaluation_sites = _sites_from_folds(places, settings, plugins, crossvalidate, holdout_share, show)
+        trials = _run_trials(trial_options, evaluation_sites, workers, show)
+    provenance = _provenance(trial_options, evaluation_sites, crossvalidate, holdout_share)
+    result = compare_trials(trials, baseline=against, metric=metric, provenance=provenance)
+    warn_each(tuple(f"{what} ({count} ticks)" for what, count in result.failures.items()), "failures")
+    from tickfix.evaluation.report.report_files import write_report  # noqa: PLC0415 - matplotlib is slow to import
 
-    page = write_report(result, _floors(grounds), report, draw=draw)
+    page = write_report(result, _floors_by_site(evaluation_sites), report, draw=draw)
     if as_json:
         print_json(result.as_json())
         return
-    _print(result, page)
+    _print_verdicts(result, page)
 
 
-def _print(result: Result, page: Path) -> None:
+def _print_verdicts(result: ComparisonResult, page: Path) -> None:
     console = stdout()
     console.print(pooled_table(result.summary))
     for verdict in result.verdicts():
@@ -123,68 +128,80 @@ def _print(result: Result, page: Path) -> None:
     console.print(f"\nThe report is {page}", soft_wrap=True)
 
 
-def _surveyed(
-    places: Sequence[Path], settings: Config, config: Path | None, found: Registry, *, holdout: bool
-) -> tuple[Ground, ...]:
+def _sites_from_folders(
+    places: Sequence[Path], settings: Config, config: Path | None, plugins: Registry, *, holdout: bool
+) -> tuple[EvaluationSite, ...]:
     sites = [(path, load_site(path)) for path in places if is_site(path)]
     walks = [path for path in places if not is_site(path)]
     if not sites:
         raise ConfigError("compare", f"no site among {', '.join(map(str, places))}", "a folder from `tickfix survey`")
     if len(sites) > 1 and walks:
         raise ConfigError("compare", "several SITEs with WALKs", "one SITE, or --holdout")
-    grounds = []
-    for name, (_, site) in zip(ground_names(sites), sites, strict=True):
+    evaluation_sites = []
+    for name, (_, site) in zip(evaluation_site_names(sites), sites, strict=True):
         warn_untrained(site, settings, config)
-        grounds.append(ground_of(site, name, chosen_walks("compare", site, walks, found, holdout=holdout)))
-    return tuple(grounds)
+        evaluation_sites.append(
+            surveyed_site(site, name, select_walks("compare", site, walks, plugins, holdout=holdout))
+        )
+    return tuple(evaluation_sites)
 
 
-def _folded(
-    places: Sequence[Path], settings: Config, found: Registry, count: int, spare: float, show: Progress
-) -> tuple[Ground, ...]:
-    files = find(places, found)
+def _sites_from_folds(
+    places: Sequence[Path], settings: Config, plugins: Registry, count: int, holdout_share: float, show: Progress
+) -> tuple[EvaluationSite, ...]:
+    files = find_recordings(places, plugins)
     read = read_walks(files.sources, show)
-    warn_of((*files.problems, *read.problems), "problems")
+    warn_each((*files.problems, *read.problems), "problems")
     seed = settings.kernel.seed
-    grounds = fold_grounds(read, settings.pipelines, count=count, spare=spare, seed=seed, progress=show, tell=warn)
-    if not grounds:
+    evaluation_sites = crossvalidation_sites(
+        read, settings.pipelines, count=count, holdout_share=holdout_share, seed=seed, progress=show, warn=warn
+    )
+    if not evaluation_sites:
         raise ConfigError("--crossvalidate", "no walk with waypoints on a floor", "recordings with truth")
-    return grounds
+    return evaluation_sites
 
 
-def _run(terms: Terms, grounds: Sequence[Ground], workers: int | None, show: Progress) -> list[Trial]:
-    total = sum(len(ground.walks) for ground in grounds) * len(terms.seeds)
+def _run_trials(
+    trial_options: TrialOptions, evaluation_sites: Sequence[EvaluationSite], workers: int | None, show: Progress
+) -> list[Trial]:
+    total = sum(len(evaluation_site.walks) for evaluation_site in evaluation_sites) * len(trial_options.seeds)
     trials: list[Trial] = []
     show("comparing", 0, total)
-    for ground in grounds:
-        for trial in run_ground(terms, ground, processes=workers):
+    for evaluation_site in evaluation_sites:
+        for trial in run_site(trial_options, evaluation_site, processes=workers):
             trials.append(trial)
             show("comparing", len(trials), total)
     return trials
 
 
-def _floors(grounds: Sequence[Ground]) -> dict[tuple[str, str], Floor]:
-    return {(ground.name, floor.name): floor for ground in grounds for floor in ground.floors}
+def _floors_by_site(evaluation_sites: Sequence[EvaluationSite]) -> dict[tuple[str, str], Floor]:
+    return {
+        (evaluation_site.name, floor.name): floor
+        for evaluation_site in evaluation_sites
+        for floor in evaluation_site.floors
+    }
 
 
-def _provenance(terms: Terms, grounds: Sequence[Ground], folds: int | None, spare: float) -> dict[str, Any]:
-    pipelines = terms.config.pipelines
+def _provenance(
+    trial_options: TrialOptions, evaluation_sites: Sequence[EvaluationSite], folds: int | None, holdout_share: float
+) -> dict[str, Any]:
+    pipelines = trial_options.config.pipelines
     return {
         "command": shlex.join(["tickfix", *sys.argv[1:]]),
         "folder": str(Path.cwd()),
         "versions": dict(versions(pipelines)),
         "code": {pipeline.name: code_digest(pipeline) for pipeline in pipelines},
-        "pipelines": {pipeline.name: dict(settings_of(pipeline)) for pipeline in pipelines},
+        "pipelines": {pipeline.name: dict(stage_choices(pipeline)) for pipeline in pipelines},
         "sweeps": {p.name: {"table": p.table, "values": dict(p.swept)} for p in pipelines if p.swept},
-        "seeds": list(terms.seeds),
-        "start_known": terms.start_known,
-        "horizon_s": terms.config.kernel.horizon_s,
-        "crossvalidation": None if folds is None else {"folds": folds, "spare": spare},
-        "grounds": [{"name": g.name, "site": g.digest, "walks": len(g.walks)} for g in grounds],
+        "seeds": list(trial_options.seeds),
+        "start_known": trial_options.start_known,
+        "horizon_s": trial_options.config.kernel.horizon_s,
+        "crossvalidation": None if folds is None else {"folds": folds, "holdout_share": holdout_share},
+        "sites": [{"name": g.name, "digest": g.digest, "walks": len(g.walks)} for g in evaluation_sites],
     }
 
 
-def _among(option: str, name: str, known: Sequence[str]) -> str:
+def _require_known(option: str, name: str, known: Sequence[str]) -> str:
     if name not in known:
         raise ConfigError(option, repr(name), f"one of {', '.join(known)}")
     return name

@@ -14,25 +14,24 @@ from rich.console import Console
 from rich.table import Table
 
 from tickfix.api import ConfigError
-from tickfix.cli.output import print_json, progress, stdout, warn
-from tickfix.journal import JournalReader, Record, Segment, is_being_written
-from tickfix.journal.json_lines import as_json_line
-from tickfix.journal.poses import PosesFile
-from tickfix.journal.reader import describe
-from tickfix.kernel.probe import numeric_probe
+from tickfix.cli.console import print_json, progress, stdout, warn
+from tickfix.journal import JournalReader, JournalRecord, SegmentInfo, is_being_written
+from tickfix.journal.journal_export import FoxglovePoseFile, record_to_json_line
+from tickfix.journal.journal_reader import describe_segment
+from tickfix.kernel.determinism import numeric_probe
 
 app = typer.Typer(help="Look into a journal, verify it, or export it.", pretty_exceptions_enable=False)
 
-Place = Annotated[Path, typer.Argument(metavar="PATH", help="A journal's folder, or one of its segments.")]
+JournalPath = Annotated[Path, typer.Argument(metavar="PATH", help="A journal's folder, or one of its segments.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 
 
 @app.command()
-def info(place: Place, *, as_json: AsJson = False) -> None:
+def info(journal: JournalPath, *, as_json: AsJson = False) -> None:
     """Say what made the run, and which segments there are; closed ones are taken by their summaries' word."""
-    segments = JournalReader(place).segments()
+    segments = JournalReader(journal).segments()
     if as_json:
-        print_json(_description(place, segments))
+        print_json(_segments_json(journal, segments))
         return
     console = stdout()
     _print_manifest(console, segments)
@@ -45,27 +44,27 @@ def info(place: Place, *, as_json: AsJson = False) -> None:
     for segment in segments:
         records = f"{segment.first_number}–{segment.last_number}" if segment.count else "none"
         run = "?" if segment.manifest is None else segment.manifest.run
-        times = [_when(ns) if segment.count else "" for ns in (segment.start_ns, segment.end_ns)]
+        times = [_format_time(ns) if segment.count else "" for ns in (segment.start_ns, segment.end_ns)]
         table.add_row(
-            segment.path.name, run, records, f"{segment.size / 1e6:.3f}", *times, _state(place, segments, segment)
+            segment.path.name, run, records, f"{segment.size / 1e6:.3f}", *times, _state(journal, segments, segment)
         )
     console.print(table)
     _print_damage(console, segments)
 
 
 @app.command()
-def verify(place: Place, *, as_json: AsJson = False) -> None:
+def verify(journal: JournalPath, *, as_json: AsJson = False) -> None:
     """Read every byte and name what is damaged or missing; the exit code is 1 where anything is."""
-    paths = JournalReader(place).paths()
-    segments: list[Segment] = []
+    paths = JournalReader(journal).paths()
+    segments: list[SegmentInfo] = []
     with progress() as show:
         for path in paths:
             show("reading", len(segments), len(paths))
-            segments.append(describe(path, thorough=True))
+            segments.append(describe_segment(path, thorough=True))
         show("reading", len(segments), len(paths))
-    missing = _missing(segments)
+    missing = _missing_records(segments)
     if as_json:
-        print_json(_description(place, segments) | {"missing": missing})
+        print_json(_segments_json(journal, segments) | {"missing": missing})
     else:
         console = stdout()
         count = sum(segment.count for segment in segments)
@@ -80,7 +79,7 @@ def verify(place: Place, *, as_json: AsJson = False) -> None:
 
 @app.command()
 def export(
-    place: Place,
+    journal: JournalPath,
     *,
     out: Annotated[
         Path, typer.Option("--out", metavar="FILE", help="FILE.jsonl (all but snapshots) or FILE.mcap (poses).")
@@ -92,9 +91,9 @@ def export(
     """
     if out.suffix not in (".jsonl", ".mcap"):
         raise ConfigError("--out", repr(out.name), "a name that ends in .jsonl or .mcap")
-    if place.is_dir() and out.resolve().parent == place.resolve():
+    if journal.is_dir() and out.resolve().parent == journal.resolve():
         raise ConfigError("--out", str(out), "a place outside the journal, whose files are its segments")
-    records = JournalReader(place).records(on_damage=lambda damage: warn(str(damage)))
+    records = JournalReader(journal).records(on_damage=lambda damage: warn(str(damage)))
     partial = out.with_name(f".{out.name}.partial")
     try:
         count = _export_lines(records, partial) if out.suffix == ".jsonl" else _export_poses(records, partial)
@@ -105,26 +104,26 @@ def export(
     stdout().print(f"{count} {what} are in {out}", soft_wrap=True)
 
 
-def _export_lines(records: Iterator[Record], path: Path) -> int:
+def _export_lines(records: Iterator[JournalRecord], path: Path) -> int:
     count = 0
     with path.open("wb") as file:
         for record in records:
-            line = as_json_line(record)
+            line = record_to_json_line(record)
             if line is not None:
                 file.write(line)
                 count += 1
     return count
 
 
-def _export_poses(records: Iterator[Record], path: Path) -> int:
-    with closing(PosesFile(path)) as file:
+def _export_poses(records: Iterator[JournalRecord], path: Path) -> int:
+    with closing(FoxglovePoseFile(path)) as file:
         return sum(file.write(record) for record in records)
 
 
-def _missing(segments: Sequence[Segment]) -> list[str]:
+def _missing_records(segments: Sequence[SegmentInfo]) -> list[str]:
     """Say which numbers are missing, within segments and between those of a run."""
     lines = []
-    before: Segment | None = None
+    before: SegmentInfo | None = None
     for segment in segments:
         if lost := segment.last_number - segment.first_number + 1 - segment.count:
             span = f"{segment.first_number}–{segment.last_number}"
@@ -136,18 +135,18 @@ def _missing(segments: Sequence[Segment]) -> list[str]:
     return lines
 
 
-def _same_run(a: Segment, b: Segment) -> bool:
+def _same_run(a: SegmentInfo, b: SegmentInfo) -> bool:
     return a.manifest is not None and b.manifest is not None and a.manifest.run == b.manifest.run
 
 
-def _print_manifest(console: Console, segments: Sequence[Segment]) -> None:
+def _print_manifest(console: Console, segments: Sequence[SegmentInfo]) -> None:
     manifest = next((s.manifest for s in reversed(segments) if s.manifest is not None), None)
     if manifest is None:
         return
     same = "as on this machine" if manifest.probe == numeric_probe() else "not as on this machine: bits may differ"
     plugins = ", ".join(f"{name} {version}" for name, version in manifest.plugins.items())
     lines = {
-        "run": f"{manifest.run}, begun {_when(manifest.wall_start_ns)}",
+        "run": f"{manifest.run}, begun {_format_time(manifest.wall_start_ns)}",
         "tickfix": manifest.tickfix_version,
         "plugins": plugins or "none",
         "seed": str(manifest.seed),
@@ -158,15 +157,15 @@ def _print_manifest(console: Console, segments: Sequence[Segment]) -> None:
         console.print(f"{name:8} {text}", soft_wrap=True)
 
 
-def _print_damage(console: Console, segments: Sequence[Segment]) -> None:
+def _print_damage(console: Console, segments: Sequence[SegmentInfo]) -> None:
     for segment in segments:
         for damage in segment.damage:
             console.print(str(damage), soft_wrap=True)
 
 
-def _state(place: Path, segments: Sequence[Segment], segment: Segment) -> str:
+def _state(journal: Path, segments: Sequence[SegmentInfo], segment: SegmentInfo) -> str:
     words = ["closed" if segment.complete else "not closed"]
-    if not segment.complete and segment is segments[-1] and is_being_written(place):
+    if not segment.complete and segment is segments[-1] and is_being_written(journal):
         words = ["being written"]
     if segment.damage:
         words.append("damaged")
@@ -175,15 +174,15 @@ def _state(place: Path, segments: Sequence[Segment], segment: Segment) -> str:
     return ", ".join(words)
 
 
-def _description(place: Path, segments: Sequence[Segment]) -> dict[str, Any]:
+def _segments_json(journal: Path, segments: Sequence[SegmentInfo]) -> dict[str, Any]:
     return {
-        "place": str(place),
-        "being_written": is_being_written(place),
-        "segments": [_segment(segment) for segment in segments],
+        "journal": str(journal),
+        "being_written": is_being_written(journal),
+        "segments": [_segment_json(segment) for segment in segments],
     }
 
 
-def _segment(segment: Segment) -> dict[str, Any]:
+def _segment_json(segment: SegmentInfo) -> dict[str, Any]:
     manifest = segment.manifest
     return {
         "path": str(segment.path),
@@ -200,5 +199,5 @@ def _segment(segment: Segment) -> dict[str, Any]:
     }
 
 
-def _when(wall_ns: int) -> str:
+def _format_time(wall_ns: int) -> str:
     return datetime.fromtimestamp(wall_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")

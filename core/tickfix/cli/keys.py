@@ -10,10 +10,17 @@ from rich import box
 from rich.table import Table
 
 from tickfix.api import ConfigError
-from tickfix.cli.output import print_json, stdout
-from tickfix.ports.allowing import allow as add
-from tickfix.ports.allowing import withdraw as take_off
-from tickfix.ports.keys import ALLOWED, ENGINE, Grant, new_pair, read_grants, read_public
+from tickfix.cli.console import print_json, stdout
+from tickfix.ports.authentication import (
+    ALLOW_LIST_FILE,
+    ENGINE_KEY_NAME,
+    KeyGrant,
+    create_key_pair,
+    read_grants,
+    read_public_key,
+)
+from tickfix.ports.authentication import add_grant as add
+from tickfix.ports.authentication import remove_grant as take_off
 
 app = typer.Typer(help="Make keys, and say what each may do.", no_args_is_help=True, pretty_exceptions_enable=False)
 
@@ -35,22 +42,22 @@ def new(
     port: Ports = None,
 ) -> None:
     """Make a key pair; with --port put it on the allow-list as well."""
-    if name == ENGINE and (device or port):
+    if name == ENGINE_KEY_NAME and (device or port):
         raise ConfigError("keys new engine", "--device or --port", "neither: the engine is who allows")
-    public = new_pair(name, folder)
+    public = create_key_pair(name, folder)
     console = stdout()
-    advice = "stays here" if name == ENGINE else "move it to whom it is for, show it to nobody"
+    advice = "stays here" if name == ENGINE_KEY_NAME else "move it to whom it is for, show it to nobody"
     console.print(f"{public.with_suffix('.key')}  secret: {advice}", soft_wrap=True)
     console.print(f"{public}  public", soft_wrap=True)
-    if name == ENGINE:
+    if name == ENGINE_KEY_NAME:
         console.print(f'Next: in the engine\'s configuration, [ports] keys = "{folder}"', soft_wrap=True)
         console.print(
             f"      tickfix keys new phone-1 --folder {folder} --device phone-1 --port sensors", soft_wrap=True
         )
     elif port:
-        grant = Grant(name=name, key=read_public(public), devices=tuple(device or ()), ports=tuple(port))
-        console.print(f"{add(folder, grant)}  allows it: {_may(grant)}", soft_wrap=True)
-        console.print(f"It needs {folder / ENGINE}.pub beside its own key.", soft_wrap=True)
+        grant = KeyGrant(name=name, key=read_public_key(public), devices=tuple(device or ()), ports=tuple(port))
+        console.print(f"{add(folder, grant)}  allows it: {_describe_grant(grant)}", soft_wrap=True)
+        console.print(f"It needs {folder / ENGINE_KEY_NAME}.pub beside its own key.", soft_wrap=True)
 
 
 @app.command()
@@ -65,8 +72,8 @@ def allow(
     """Put a key made elsewhere on the allow-list."""
     if not port:
         raise ConfigError("keys allow", "no --port", f"at least one: {_PORTS}")
-    grant = Grant(name=name, key=read_public(public), devices=tuple(device or ()), ports=tuple(port))
-    stdout().print(f"{add(folder, grant)} allows {name}: {_may(grant)}", soft_wrap=True)
+    grant = KeyGrant(name=name, key=read_public_key(public), devices=tuple(device or ()), ports=tuple(port))
+    stdout().print(f"{add(folder, grant)} allows {name}: {_describe_grant(grant)}", soft_wrap=True)
 
 
 @app.command()
@@ -77,7 +84,7 @@ def withdraw(
 ) -> None:
     """Take a key off the allow-list; a running engine stops listening to it within a second."""
     take_off(folder, name)
-    stdout().print(f"{folder / ALLOWED} allows {name} no longer", soft_wrap=True)
+    stdout().print(f"{folder / ALLOW_LIST_FILE} allows {name} no longer", soft_wrap=True)
 
 
 @app.command("list")
@@ -87,7 +94,7 @@ def list_keys(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List who is allowed, and what."""
-    grants = read_grants(folder / ALLOWED)
+    grants = read_grants(folder / ALLOW_LIST_FILE)
     if as_json:
         print_json({grant.name: {"devices": list(grant.devices), "ports": list(grant.ports)} for grant in grants})
         return
@@ -100,6 +107,6 @@ def list_keys(
     stdout().print(table)
 
 
-def _may(grant: Grant) -> str:
+def _describe_grant(grant: KeyGrant) -> str:
     devices = f"for {', '.join(grant.devices)}" if grant.devices else "for no device"
     return f"{', '.join(grant.ports)}, {devices}"

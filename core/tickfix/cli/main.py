@@ -10,18 +10,14 @@ import typer
 import tickfix
 from tickfix.api import TickfixError
 from tickfix.cli.compare import compare
-from tickfix.cli.control import control
-from tickfix.cli.demo import demo
+from tickfix.cli.experiments import demo, reproduce
 from tickfix.cli.journal import app as journal_app
 from tickfix.cli.keys import app as keys_app
-from tickfix.cli.listen import listen
-from tickfix.cli.locate import locate
+from tickfix.cli.monitor import control, listen, status
 from tickfix.cli.plugins import app as plugins_app
 from tickfix.cli.replay import replay
-from tickfix.cli.reproduce import reproduce
-from tickfix.cli.send import send
+from tickfix.cli.send import locate, send
 from tickfix.cli.serve import serve
-from tickfix.cli.status import status
 from tickfix.cli.survey import survey
 from tickfix.client import ClientError
 

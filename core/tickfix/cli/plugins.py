@@ -15,9 +15,9 @@ from rich.table import Table
 
 from tickfix.api import ConfigError, NoParams
 from tickfix.api.algorithms import KINDS
-from tickfix.cli.output import print_json, registry, stdout
-from tickfix.config import Field, describe
-from tickfix.plugins import Offer, Registry, discover
+from tickfix.cli.console import print_json, registry, stdout
+from tickfix.config import ParameterInfo, describe_parameters
+from tickfix.registry import Offer, Registry, discover
 
 app = typer.Typer(help="List algorithms, readers and sinks, or show one of them.", pretty_exceptions_enable=False)
 
@@ -29,20 +29,20 @@ def list_plugins(context: typer.Context, *, as_json: AsJson = False) -> None:
     """List algorithms, readers and sinks with their origin, and what had to be left out."""
     if context.invoked_subcommand is not None:
         return
-    found = discover()
+    plugins = discover()
     if as_json:
-        problems = [{"plugin": p.plugin, "problem": p.problem, "fix": p.fix} for p in found.problems]
-        print_json({"plugins": [_entry(offer) for offer in found.offers], "problems": problems})
+        problems = [{"plugin": p.plugin, "problem": p.problem, "fix": p.fix} for p in plugins.problems]
+        print_json({"plugins": [_offer_json(offer) for offer in plugins.offers], "problems": problems})
         return
     console = stdout()
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1))
     for column in ("kind", "name", "from"):
         table.add_column(column, no_wrap=True)
     table.add_column("what it does", overflow="fold")
-    for offer in found.offers:
+    for offer in plugins.offers:
         table.add_row(offer.kind, offer.name, _origin(offer), _summary(offer))
     console.print(table)
-    for problem in found.problems:
+    for problem in plugins.problems:
         console.print(f"left out: {problem}", soft_wrap=True)
 
 
@@ -53,13 +53,13 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Show what an algorithm does, where it comes from, its parameters and presets."""
-    offer = _named(registry(), label)
+    offer = _find_offer(registry(), label)
     fields = _fields(offer)
     presets = getattr(offer.cls, "presets", {})
     if as_json:
-        described = _entry(offer) | {
+        described = _offer_json(offer) | {
             "doc": inspect.getdoc(offer.cls) or "",
-            "parameters": [_parameter(field) for field in fields],
+            "parameters": [_parameter_json(field) for field in fields],
             "presets": {
                 name: {"source": preset.source, "values": msgspec.to_builtins(dict(preset.values))}
                 for name, preset in presets.items()
@@ -79,28 +79,28 @@ def show(
     elif offer.kind in ("pdr", "fingerprint", "filter", "map"):
         console.print("\nIt has no parameters.")
     for name, preset in presets.items():
-        values = ", ".join(f"{key} = {_value(value)}" for key, value in preset.values.items())
+        values = ", ".join(f"{key} = {_toml_value(value)}" for key, value in preset.values.items())
         console.print(f"\nPreset {name!r}, {preset.source}: {values}", soft_wrap=True)
 
 
-def _named(found: Registry, label: str) -> Offer:
+def _find_offer(plugins: Registry, label: str) -> Offer:
     """Return the offer called ``kind:name``; the name alone will do where only one kind has it."""
     kind, colon, name = label.partition(":")
     if colon and kind in KINDS:
-        return found.get(kind, name)
-    labels = [offer.label for offer in found.offers]
-    alike = [offer for offer in found.offers if offer.name == label]
+        return plugins.get(kind, name)
+    labels = [offer.label for offer in plugins.offers]
+    alike = [offer for offer in plugins.offers if offer.name == label]
     if len(alike) == 1:
         return alike[0]
     near = [offer.label for offer in alike] or difflib.get_close_matches(label, labels, 1)
     near = near or [
-        offer.label for offer in found.offers if offer.name in difflib.get_close_matches(label, [offer.name])
+        offer.label for offer in plugins.offers if offer.name in difflib.get_close_matches(label, [offer.name])
     ]
     hint = f" (did you mean {' or '.join(near)}?)" if near else ""
     raise ConfigError("plugins show", repr(label), f"one of {', '.join(labels)}{hint}")
 
 
-def _entry(offer: Offer) -> dict[str, Any]:
+def _offer_json(offer: Offer) -> dict[str, Any]:
     return {
         "kind": offer.kind,
         "name": offer.name,
@@ -120,12 +120,12 @@ def _summary(offer: Offer) -> str:
     return (inspect.getdoc(offer.cls) or "").partition("\n")[0]
 
 
-def _fields(offer: Offer) -> tuple[Field, ...]:
+def _fields(offer: Offer) -> tuple[ParameterInfo, ...]:
     params = getattr(offer.cls, "Params", NoParams)
-    return () if params is NoParams else describe(offer.cls)
+    return () if params is NoParams else describe_parameters(offer.cls)
 
 
-def _parameter(field: Field) -> dict[str, Any]:
+def _parameter_json(field: ParameterInfo) -> dict[str, Any]:
     return {
         "name": field.name,
         "type": field.type,
@@ -137,7 +137,7 @@ def _parameter(field: Field) -> dict[str, Any]:
     }
 
 
-def _print_fields(console: Console, fields: tuple[Field, ...]) -> None:
+def _print_fields(console: Console, fields: tuple[ParameterInfo, ...]) -> None:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1))
     for column in ("parameter", "default", "unit"):
         table.add_column(column, no_wrap=True)
@@ -145,13 +145,13 @@ def _print_fields(console: Console, fields: tuple[Field, ...]) -> None:
         table.add_column(column, overflow="fold")
     for field in fields:
         learnt = f"{field.doc} *" if field.trains else field.doc
-        table.add_row(field.name, _value(field.default), field.unit, field.type, learnt, field.source)
+        table.add_row(field.name, _toml_value(field.default), field.unit, field.type, learnt, field.source)
     console.print(table)
     if any(field.trains for field in fields):
         console.print("* What is learnt from a survey depends on it: survey again, with --config, when it changes.")
 
 
-def _value(value: Any) -> str:
+def _toml_value(value: Any) -> str:
     """Return a value as it would stand in TOML, nearly."""
     plain = msgspec.to_builtins(value)
     if isinstance(plain, bool):

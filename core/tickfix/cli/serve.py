@@ -14,21 +14,20 @@ import typer
 
 from tickfix.api import ConfigError, TickfixError
 from tickfix.api.errors import PortError
-from tickfix.cli.output import registry
-from tickfix.cli.replay import PipelineNames, configured
+from tickfix.cli.console import registry
+from tickfix.cli.replay import PipelineNames, override_config
 from tickfix.cli.survey import ConfigFile, Seed
-from tickfix.config import Config, load
-from tickfix.drivers.live.errors import OverrunError, WorkerError
-from tickfix.drivers.live.order import Order
-from tickfix.drivers.live.runs.resuming import resumable
-from tickfix.drivers.live.serving import Runnable
-from tickfix.drivers.live.serving import serve as run_engine
-from tickfix.drivers.live.settings import LiveSettings
-from tickfix.drivers.live.watchdog.beacon import Beacon
-from tickfix.drivers.live.watchdog.supervisor import CRASHED, ENDED, OWN, supervise
+from tickfix.config import Config, load_config
 from tickfix.journal import JournalError
-from tickfix.plugins import Registry
-from tickfix.ports import Addresses
+from tickfix.live.heartbeat import WatchdogHeartbeat
+from tickfix.live.protocol import OverrunError, WorkerError
+from tickfix.live.recovery import resumable_run
+from tickfix.live.serve_options import LiveSettings, ServeOptions
+from tickfix.live.startup import LiveEngine
+from tickfix.live.startup import serve as run_engine
+from tickfix.live.supervisor import CRASH_SIGNALS, EXIT_CRASHED, EXIT_FINAL, supervise
+from tickfix.ports import PortAddresses
+from tickfix.registry import Registry
 
 _ANY = "tcp://127.0.0.1:*"
 
@@ -71,8 +70,8 @@ def serve(
 
     Stop it with Ctrl-C or `tickfix control stop`; after a crash start it again with --resume.
     """
-    found = registry()
-    settings = configured(load(config, found), pipeline, seed)
+    plugins = registry()
+    settings = override_config(load_config(config, plugins), pipeline, seed)
     if follow:  # beside the engine that it follows, which has the usual ports
         settings = _with_ports(settings, dict.fromkeys(("sensors", "positions", "control", "follow"), _ANY))
     given = {"sensors": sensors, "positions": positions, "control": control, "follow": feed}
@@ -81,79 +80,81 @@ def serve(
     if resume:
         if journal is None:
             raise ConfigError("--resume", "no --journal", "--journal DIR, from which to go on")
-        resumable(journal)
-    order = Order(site=site, config=settings, journal=journal, resume=resume, follow=follow, follow_key=follow_key)
+        resumable_run(journal)
+    options = ServeOptions(
+        site=site, config=settings, journal=journal, resume=resume, follow=follow, follow_key=follow_key
+    )
 
-    def engine(what: Order, beacon: Beacon) -> int:
-        return _engine(what, found, beacon, as_json=as_json)
+    def engine(what: ServeOptions, heartbeat: WatchdogHeartbeat) -> int:
+        return _run_engine(what, plugins, heartbeat, as_json=as_json)
 
     if watchdog:
-        silence_s = settings.section("live", LiveSettings).watchdog_s
-        code = supervise(order, engine, silence_s=silence_s, tell=lambda text: _tell(text, as_json=as_json))
+        stall_s = settings.section("live", LiveSettings).watchdog_s
+        code = supervise(options, engine, stall_s=stall_s, log=lambda text: _log(text, as_json=as_json))
     else:
-        code = engine(order, Beacon())
+        code = engine(options, WatchdogHeartbeat())
     raise typer.Exit(code)
 
 
-def _engine(order: Order, found: Registry, beacon: Beacon, *, as_json: bool) -> int:
+def _run_engine(options: ServeOptions, plugins: Registry, heartbeat: WatchdogHeartbeat, *, as_json: bool) -> int:
     running = False
 
-    def began(run: str, addresses: Addresses) -> None:
+    def on_started(run: str, addresses: PortAddresses) -> None:
         nonlocal running
         running = True
         names = ("sensors", "positions", "control", "follow")
         shown = {name: getattr(addresses, name) for name in names}
         if as_json:
-            _print({"serving": str(order.site), "run": run} | shown)
+            _print_json_line({"serving": str(options.site), "run": run} | shown)
             return
-        kept = "no journal" if order.journal is None else f"journal {order.journal}"
-        sys.stdout.write(f"serving {order.site}, run {run}, {kept}\n")
+        kept = "no journal" if options.journal is None else f"journal {options.journal}"
+        sys.stdout.write(f"serving {options.site}, run {run}, {kept}\n")
         sys.stdout.writelines(f"  {name:<10} {address or 'closed'}\n" for name, address in shown.items())
         sys.stdout.flush()
 
-    def ending(engine: Runnable) -> None:
+    def on_ended(engine: LiveEngine) -> None:
         report = engine.report()
         if as_json:
-            _print({"ended": report})
+            _print_json_line({"ended": report})
             return
-        late, work = report["lateness_ms"], report["work_ms"]
+        late, work = report["tick_latency_ms"], report["round_duration_ms"]
         sys.stdout.write(
             f"ended after {report['ticks']} ticks; "
             f"lateness p50 {late['p50']:.1f} p99 {late['p99']:.1f} max {late['max']:.1f} ms; "
             f"work a round p50 {work['p50']:.1f} p99 {work['p99']:.1f} max {work['max']:.1f} ms\n"
         )
 
-    def control(engine: Runnable) -> None:
+    def control(engine: LiveEngine) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: engine.stop())
 
     try:
         run_engine(
-            order,
-            found,
-            beacon,
-            began=began,
-            tell=lambda text: _tell(text, as_json=as_json),
-            ending=ending,
+            options,
+            plugins,
+            heartbeat,
+            on_started=on_started,
+            log=lambda text: _log(text, as_json=as_json),
+            on_ended=on_ended,
             control=control,
         )
     except (TickfixError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")
         sys.stderr.flush()
-        return _code_of(error, running=running)
+        return _exit_code(error, running=running)
     return 0
 
 
-def _code_of(error: TickfixError | OSError, *, running: bool) -> int:
+def _exit_code(error: TickfixError | OSError, *, running: bool) -> int:
     """Return the exit code by which the supervisor knows what to do next."""
     if isinstance(error, OverrunError):
-        return ENDED
+        return EXIT_FINAL
     if isinstance(error, WorkerError):
-        if error.signal in OWN:  # what breaks a worker would have broken an engine without workers
+        if error.signal in CRASH_SIGNALS:  # what breaks a worker would have broken an engine without workers
             os.kill(os.getpid(), error.signal)
-        return CRASHED
+        return EXIT_CRASHED
     # What cannot begin is for people to mend; what breaks while it runs is worth another try.
-    return CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
+    return EXIT_CRASHED if running and isinstance(error, PortError | JournalError | OSError) else 2
 
 
 def _with_ports(settings: Config, given: dict[str, Any]) -> Config:
@@ -163,14 +164,14 @@ def _with_ports(settings: Config, given: dict[str, Any]) -> Config:
     return replace(settings, sections={**settings.sections, "ports": {**table, **given}})
 
 
-def _tell(text: str, *, as_json: bool) -> None:
+def _log(text: str, *, as_json: bool) -> None:
     if as_json:
-        _print({"notice": text})
+        _print_json_line({"notice": text})
     else:
         sys.stderr.write(f"tickfix: {text}\n")
         sys.stderr.flush()
 
 
-def _print(value: dict[str, Any]) -> None:
+def _print_json_line(value: dict[str, Any]) -> None:
     sys.stdout.write(json.dumps(value, ensure_ascii=False) + "\n")
     sys.stdout.flush()

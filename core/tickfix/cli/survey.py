@@ -11,12 +11,11 @@ from rich import box
 from rich.table import Table
 
 from tickfix.api import SiteError
-from tickfix.cli.output import progress, registry, stdout, warn_of
-from tickfix.config import load
-from tickfix.drivers.recordings import find
-from tickfix.drivers.surveying import survey_files
-from tickfix.site.folder import save
-from tickfix.site.manifest import is_site
+from tickfix.cli.console import progress, registry, stdout, warn_each
+from tickfix.config import load_config
+from tickfix.replay.recording_files import find_recordings
+from tickfix.replay.site_survey import survey_files
+from tickfix.site.folder import is_site, save_site
 from tickfix.site.site import Site
 
 _REJECTED: Final = "rejected: "
@@ -39,11 +38,11 @@ def survey(
 ) -> None:
     """Survey recordings with waypoints: floor plans, radio map, trained models, and walks held out for testing."""
     began = time.perf_counter()
-    found = registry()
-    settings = load(config, found)
+    plugins = registry()
+    settings = load_config(config, plugins)
     if out.exists() and not is_site(out) and not (out.is_dir() and not any(out.iterdir())):
         raise SiteError(f"{out}: found something that is no tickfix site; it is left alone, choose another --out")
-    files = find(recordings, found)
+    files = find_recordings(recordings, plugins)
     with progress() as show:
         surveyed = survey_files(
             files.sources,
@@ -53,12 +52,12 @@ def survey(
             seed=settings.kernel.seed if seed is None else seed,
             progress=show,
         )
-    save(surveyed.site, out)
-    warn_of((*files.problems, *surveyed.problems), "problems")
-    _print(surveyed.site, out, len(files.sources), time.perf_counter() - began)
+    save_site(surveyed.site, out)
+    warn_each((*files.problems, *surveyed.problems), "problems")
+    _print_survey(surveyed.site, out, len(files.sources), time.perf_counter() - began)
 
 
-def _print(site: Site, out: Path, files: int, seconds: float) -> None:
+def _print_survey(site: Site, out: Path, files: int, seconds: float) -> None:
     floors = ", ".join(f"{f.name} ({f.width_m:.0f} × {f.height_m:.0f} m)" if f.width_m else f.name for f in site.floors)
     rows = {
         "floors": floors,

@@ -13,21 +13,21 @@ The protocol is in ``docs/wire-protocol.md``. No class here starts a thread, and
     print(Control("tcp://127.0.0.1:5573").status())
 """
 
-from tickfix.client.connection import VERSION, ClientError, Keys, ShutOutError
-from tickfix.client.control import Control, NoAnswerError, RefusedError
+from tickfix.client.connection import VERSION, AccessDeniedError, ClientError, Keys
+from tickfix.client.control_client import Control, RequestRefusedError, RequestTimeoutError
 from tickfix.client.listener import Listener
 from tickfix.client.sensor import Sensor
-from tickfix.client.session import OutboxFullError
+from tickfix.client.session import BufferFullError
 
 __all__ = [
     "VERSION",
+    "AccessDeniedError",
+    "BufferFullError",
     "ClientError",
     "Control",
     "Keys",
     "Listener",
-    "NoAnswerError",
-    "OutboxFullError",
-    "RefusedError",
+    "RequestRefusedError",
+    "RequestTimeoutError",
     "Sensor",
-    "ShutOutError",
 ]

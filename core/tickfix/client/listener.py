@@ -1,4 +1,4 @@
-"""Hears estimates, and notices what it did not hear."""
+"""Receives estimates, and detects gaps, duplicates, missing heartbeats and restarts of the engine."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from urllib.parse import unquote
 
 import zmq
 
-from tickfix.client.connection import Keys, open_socket, readable, unpacked
-from tickfix.client.door import Door
+from tickfix.client.connection import HandshakeMonitor, Keys, has_message, open_client_socket, unpack_message
 
-_HEARTBEAT: Final = b"heartbeat"
-_MOST_STREAMS: Final = 100_000
-_QUEUED: Final = 50_000
+_HEARTBEAT_TOPIC: Final = b"heartbeat"
+_MAX_STREAMS: Final = 100_000
+_RECEIVE_HWM: Final = 50_000
 """Estimates that may wait here: those of a thousand devices for ten seconds."""
 
 
@@ -31,15 +30,15 @@ class Listener:
         topics: prefixes; names in them are percent-encoded, and end with ``/`` to be whole.
         keys: CURVE keys, where the engine asks for them.
         on_gap: called with (site, device, pipeline, number missed).
-        on_silence: called with the seconds since anything was heard, once for every silence.
-        on_run: called with the id of another run of the engine than the one heard before.
-        silence_s: how long is a silence; the engine sends a heartbeat every second unless set otherwise.
+        on_heartbeat_timeout: called with the seconds since anything was heard, once for every silence.
+        on_new_run: called with the id of another run of the engine than the one heard before.
+        heartbeat_timeout_s: how long is a silence; the engine sends a heartbeat every second unless set otherwise.
         timeout_s: iteration ends when no estimate came for so long; None waits for ever.
         clock: seconds, monotonic.
 
     Attributes:
         missed: estimates known to be missed.
-        repeated: estimates heard before, as after a reconnection; they are not told again.
+        duplicates: estimates heard before, as after a reconnection; they are not told again.
         run: id of the engine's run, None before anything was heard.
         heartbeat: the last heartbeat, None before the first.
     """
@@ -51,9 +50,9 @@ class Listener:
         *,
         keys: Keys | None = None,
         on_gap: Callable[[str, str, str, int], None] | None = None,
-        on_silence: Callable[[float], None] | None = None,
-        on_run: Callable[[str], None] | None = None,
-        silence_s: float = 5.0,
+        on_heartbeat_timeout: Callable[[float], None] | None = None,
+        on_new_run: Callable[[str], None] | None = None,
+        heartbeat_timeout_s: float = 5.0,
         timeout_s: float | None = None,
         clock: Callable[[], float] = time.monotonic,
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
@@ -64,24 +63,24 @@ class Listener:
             ClientError: for an address that cannot be.
         """
         self.missed = 0
-        self.repeated = 0
+        self.duplicates = 0
         self.run: str | None = None
         self.heartbeat: dict[str, Any] | None = None
         self._prefixes = tuple(topic.encode() for topic in topics)
         self._on_gap = on_gap
-        self._on_silence = on_silence
-        self._on_run = on_run
-        self._silence_s = silence_s
+        self._on_heartbeat_timeout = on_heartbeat_timeout
+        self._on_new_run = on_new_run
+        self._heartbeat_timeout_s = heartbeat_timeout_s
         self._timeout_s = timeout_s
         self._clock = clock
-        self._heard_s = clock()
-        self._silent = False
+        self._last_received_s = clock()
+        self._heartbeat_overdue = False
         self._last: OrderedDict[tuple[str, ...], int] = OrderedDict()
-        self._socket = open_socket(zmq.SUB, keys, context)
-        self._socket.setsockopt(zmq.RCVHWM, _QUEUED)
-        for prefix in (*self._prefixes, _HEARTBEAT):
+        self._socket = open_client_socket(zmq.SUB, keys, context)
+        self._socket.setsockopt(zmq.RCVHWM, _RECEIVE_HWM)
+        for prefix in (*self._prefixes, _HEARTBEAT_TOPIC):
             self._socket.subscribe(prefix)
-        self._door = Door(self._socket, address, keys)
+        self._handshake = HandshakeMonitor(self._socket, address, keys)
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Go through estimates as they come, until ``timeout_s`` passed without one."""
@@ -92,24 +91,24 @@ class Listener:
         """Return the next estimate, or None when there was none within ``timeout_s``; None waits for ever.
 
         Raises:
-            ShutOutError: when the engine does not let this client in.
+            AccessDeniedError: when the engine does not let this client in.
         """
         deadline_s = None if timeout_s is None else self._clock() + timeout_s
         while True:
-            if not readable(self._socket):
+            if not has_message(self._socket):
                 self._wait(deadline_s)
-            if readable(self._socket):
-                estimate = self._take(self._socket.recv_multipart())
+            if has_message(self._socket):
+                estimate = self._handle(self._socket.recv_multipart())
                 if estimate is not None:
                     return estimate
             now_s = self._clock()
-            self._watch(now_s)
+            self._check_heartbeat(now_s)
             if deadline_s is not None and now_s >= deadline_s:
                 return None
 
     def close(self) -> None:
         """Close the socket."""
-        self._door.close()
+        self._handshake.close()
 
     def __enter__(self) -> Self:
         """Return the listener itself."""
@@ -123,40 +122,40 @@ class Listener:
 
     def _wait(self, deadline_s: float | None) -> None:
         """Wait for a message, the deadline, the silence that is to be told, or news of the connection."""
-        silence_s = None if self._silent else self._heard_s + self._silence_s
-        ends_s = [end_s for end_s in (deadline_s, silence_s) if end_s is not None]
-        self._door.poller.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
-        self._door.look()
-        self._door.check()
+        heartbeat_timeout_s = None if self._heartbeat_overdue else self._last_received_s + self._heartbeat_timeout_s
+        ends_s = [end_s for end_s in (deadline_s, heartbeat_timeout_s) if end_s is not None]
+        self._handshake.poller.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
+        self._handshake.read_events()
+        self._handshake.raise_if_denied()
 
-    def _watch(self, now_s: float) -> None:
-        silence_s = now_s - self._heard_s
-        if not self._silent and silence_s >= self._silence_s:
-            self._silent = True
-            if self._on_silence is not None:
-                self._on_silence(silence_s)
+    def _check_heartbeat(self, now_s: float) -> None:
+        heartbeat_timeout_s = now_s - self._last_received_s
+        if not self._heartbeat_overdue and heartbeat_timeout_s >= self._heartbeat_timeout_s:
+            self._heartbeat_overdue = True
+            if self._on_heartbeat_timeout is not None:
+                self._on_heartbeat_timeout(heartbeat_timeout_s)
 
-    def _take(self, frames: list[bytes]) -> dict[str, Any] | None:
-        self._heard_s = self._clock()
-        self._silent = False
+    def _handle(self, frames: list[bytes]) -> dict[str, Any] | None:
+        self._last_received_s = self._clock()
+        self._heartbeat_overdue = False
         if len(frames) != 3:
             return None
-        topic, envelope, body = frames[0], unpacked(frames[1]), unpacked(frames[2])
+        topic, envelope, body = frames[0], unpack_message(frames[1]), unpack_message(frames[2])
         if envelope is None or body is None:
             return None
-        self._follow_run(str(envelope.get("run")))
-        if topic == _HEARTBEAT:
+        self._update_run(str(envelope.get("run")))
+        if topic == _HEARTBEAT_TOPIC:
             self.heartbeat = body
             return None
         return body if self._is_new(topic, envelope.get("seq")) else None
 
-    def _follow_run(self, run: str) -> None:
+    def _update_run(self, run: str) -> None:
         if run == self.run:
             return
         before, self.run = self.run, run
         self._last.clear()
-        if before is not None and self._on_run is not None:
-            self._on_run(run)
+        if before is not None and self._on_new_run is not None:
+            self._on_new_run(run)
 
     def _is_new(self, topic: bytes, seq: object) -> bool:
         """Compare a number with the last of its stream: the same again is no news, one too high is a gap."""
@@ -166,20 +165,20 @@ class Listener:
         stream = (names[0], names[1], names[-2], names[-1])
         last = self._last.pop(stream, None)
         self._last[stream] = seq
-        if len(self._last) > _MOST_STREAMS:
+        if len(self._last) > _MAX_STREAMS:
             self._last.popitem(last=False)
         if last == seq:
-            self.repeated += 1
+            self.duplicates += 1
             return False
         # A smaller number within a run: the stream counts anew, since its device left and came back.
-        if last is not None and seq > last + 1 and self._hears_all_floors(topic):
+        if last is not None and seq > last + 1 and self._covers_all_floors(topic):
             self.missed += seq - last - 1
             if self._on_gap is not None:
                 site, device, pipeline = map(unquote, stream[1:])
                 self._on_gap(site, device, pipeline, seq - last - 1)
         return True
 
-    def _hears_all_floors(self, topic: bytes) -> bool:
+    def _covers_all_floors(self, topic: bytes) -> bool:
         if topic.startswith(b"device/"):
             return True
         end_of_site = topic.index(b"/", topic.index(b"/") + 1) + 1

@@ -1,13 +1,64 @@
-"""What a device can say: its measurements as messages."""
+"""Sends a device's measurements; times and values are packed as ``bin`` without numpy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from tickfix.client.arrays import float64s, int64s
 from tickfix.client.connection import ClientError
 from tickfix.client.session import Session
+
+
+def pack_int64s(field: str, values: Any) -> tuple[bytes, int]:
+    """Return integers as ``bin``, and how many they are; a list, or an array of int64 as numpy has them.
+
+    Raises:
+        ClientError: for anything but integers of 64 bits.
+    """
+    return _pack_array(field, values, "q", ("l", "q"), "integers of 64 bits")
+
+
+def pack_float64s(field: str, values: Any) -> tuple[bytes, int]:
+    """Return numbers as ``bin``, and how many they are; a list of numbers or of rows, or an array of float64.
+
+    Raises:
+        ClientError: for anything but numbers.
+    """
+    if isinstance(values, Sequence) and len(values) and not isinstance(values[0], int | float):
+        values = [number for row in values for number in _checked_row(field, row)]
+    return _pack_array(field, values, "d", ("d",), "numbers, or rows of numbers")
+
+
+def _checked_row(field: str, row: Any) -> Iterable[Any]:
+    if isinstance(row, Iterable) and not isinstance(row, str | bytes):
+        return row
+    raise ClientError(f"{field}: found {row!r:.60}; expected a row of numbers")
+
+
+def _pack_array(field: str, values: Any, code: str, formats: tuple[str, ...], expected: str) -> tuple[bytes, int]:
+    try:
+        view = memoryview(values)
+    except TypeError:
+        pass
+    else:
+        if view.format in formats and view.itemsize == 8 and sys.byteorder == "little":
+            return view.tobytes(), view.nbytes // 8
+        values = _flatten(view.tolist())
+    try:
+        numbers = array(code, values)
+    except (TypeError, OverflowError, ValueError) as error:
+        raise ClientError(f"{field}: found {values!r:.60} ({error}); expected {expected}") from error
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    return numbers.tobytes(), len(numbers)
+
+
+def _flatten(values: Any) -> list[Any]:
+    if not isinstance(values, list):
+        return [values]
+    return [number for one in values for number in _flatten(one)]
 
 
 class Sensor(Session):
@@ -24,12 +75,12 @@ class Sensor(Session):
 
         Raises:
             ClientError: for times and values that do not fit together.
-            OutboxFullError: see :class:`Session`.
+            BufferFullError: see :class:`Session`.
         """
         batches = {}
         for name, (t_ns, values) in sensors.items():
-            times, n = int64s(f"{name}.t_ns", t_ns)
-            rows, m = float64s(f"{name}.values", values)
+            times, n = pack_int64s(f"{name}.t_ns", t_ns)
+            rows, m = pack_float64s(f"{name}.values", values)
             if m % n if n else m:
                 raise ClientError(f"{name}.values: found {m} numbers; expected a row for each of {n} times")
             batches[name] = {"t_ns": times, "values": rows}
@@ -43,14 +94,14 @@ class Sensor(Session):
         A scan that heard nothing needs its time ``t_ns``.
 
         Raises:
-            ClientError, OutboxFullError: as :meth:`motion`.
+            ClientError, BufferFullError: as :meth:`motion`.
         """
-        (levels, n), (times, m) = float64s("rssi_dbm", rssi_dbm), int64s("heard_ns", heard_ns)
+        (levels, n), (times, m) = pack_float64s("rssi_dbm", rssi_dbm), pack_int64s("heard_ns", heard_ns)
         if not len(transmitters) == n == m:
             raise ClientError(f"scan: found {len(transmitters)} transmitters, {n} levels, {m} times; expected as many")
-        told = {} if t_ns is None else {"t_ns": t_ns}
+        fields = {} if t_ns is None else {"t_ns": t_ns}
         heard = {"transmitters": list(transmitters), "rssi_dbm": levels, "heard_ns": times, "source": source}
-        return self.send({"type": "scan", **heard, **told})
+        return self.send({"type": "scan", **heard, **fields})
 
     def pressure(self, t_ns: int, pressure_hpa: float) -> int:
         """Send one air pressure; return the message's number."""
@@ -58,10 +109,10 @@ class Sensor(Session):
 
     def fix(self, t_ns: int, floor: str, xy: Any, *, covariance: Any = None, source: str = "fix") -> int:
         """Send a position computed elsewhere, metres in the floor's frame, m²; return the message's number."""
-        told = {} if covariance is None else {"covariance": float64s("covariance", covariance)[0]}
-        place = {"t_ns": t_ns, "floor": floor, "xy": float64s("xy", xy)[0], "source": source}
-        return self.send({"type": "fix", **place, **told})
+        fields = {} if covariance is None else {"covariance": pack_float64s("covariance", covariance)[0]}
+        place = {"t_ns": t_ns, "floor": floor, "xy": pack_float64s("xy", xy)[0], "source": source}
+        return self.send({"type": "fix", **place, **fields})
 
     def truth(self, t_ns: int, floor: str, xy: Any) -> int:
         """Send where the device really is, for evaluation; return the message's number."""
-        return self.send({"type": "truth", "t_ns": t_ns, "floor": floor, "xy": float64s("xy", xy)[0]})
+        return self.send({"type": "truth", "t_ns": t_ns, "floor": floor, "xy": pack_float64s("xy", xy)[0]})

@@ -1,29 +1,147 @@
-"""A device's session with an engine: every message is numbered, kept until it is acknowledged, and counts once."""
+"""A device's session with an engine.
+
+Every message is numbered, buffered until acknowledged, retransmitted, and counts once.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import secrets
 import time
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Final, Self
 
 import zmq
 
-from tickfix.client.connection import VERSION, ClientError, Keys, open_socket, packed, readable, unpacked
-from tickfix.client.door import Door
-from tickfix.client.outbox import Outbox
+from tickfix.client.connection import (
+    VERSION,
+    ClientError,
+    HandshakeMonitor,
+    Keys,
+    has_message,
+    open_client_socket,
+    pack_message,
+    unpack_message,
+)
 
-NOT_TAKEN: Final = frozenset({"busy", "throttled"})
+SEND_WINDOW: Final = 24
+"""Numbers that may be under way at once.
+
+An engine holds at least 32 answers for a connection that does not read at the moment, and those beyond are lost; so
+that many messages, and a greeting, may wait for theirs. It is also far below the 4096 numbers that an engine remembers,
+so that whatever is sent again is known as new or as a duplicate, never too old to tell.
+"""
+
+_BACKOFF_FACTOR: Final = 2.0
+_MAX_BACKOFF: Final = 16.0
+
+
+@dataclass(slots=True)
+class _UnackedMessage:
+    data: bytes
+    due_s: float
+    backoff: float = 1.0
+
+
+class RetransmitBuffer:
+    """Keeps numbered messages until they are acknowledged.
+
+    Args:
+        most_messages, most_bytes: how much is kept.
+        resend_s: how long to wait for an acknowledgement; doubled with every try of a message, up to 16 times.
+    """
+
+    def __init__(self, most_messages: int, most_bytes: int, resend_s: float) -> None:
+        """Begin empty."""
+        self._entries: OrderedDict[int, _UnackedMessage] = OrderedDict()
+        self._bytes = 0
+        self._most_messages = most_messages
+        self._most_bytes = most_bytes
+        self._resend_s = resend_s
+
+    def __len__(self) -> int:
+        """Return the number of messages kept."""
+        return len(self._entries)
+
+    def __contains__(self, seq: int) -> bool:
+        """Whether this number is not acknowledged yet."""
+        return seq in self._entries
+
+    @property
+    def buffered_bytes(self) -> int:
+        """Bytes kept."""
+        return self._bytes
+
+    def fits(self, n_bytes: int) -> bool:
+        """Whether a message of this length can be kept beside the others."""
+        return len(self._entries) < self._most_messages and self._bytes + n_bytes <= self._most_bytes
+
+    def add(self, seq: int, data: bytes) -> None:
+        """Keep a message; it is due at once. Numbers come in ascending order."""
+        self._entries[seq] = _UnackedMessage(data, 0.0)
+        self._bytes += len(data)
+
+    def forget(self, seq: int) -> bool:
+        """Let go of a message; False when it was not kept."""
+        entry = self._entries.pop(seq, None)
+        if entry is None:
+            return False
+        self._bytes -= len(entry.data)
+        return True
+
+    def oldest(self) -> int:
+        """Return the lowest number kept."""
+        return next(iter(self._entries))
+
+    def due(self, now_s: float) -> list[tuple[int, bytes]]:
+        """Return what is to be sent now, lowest number first, of the window that begins at the oldest."""
+        found = []
+        if self._entries:
+            end = self.oldest() + SEND_WINDOW
+            for seq, entry in self._entries.items():
+                if seq >= end:
+                    break
+                if entry.due_s <= now_s:
+                    found.append((seq, entry.data))
+        return found
+
+    def next_due_s(self) -> float | None:
+        """Return when something is due again, None where nothing is kept."""
+        if not self._entries:
+            return None
+        end = self.oldest() + SEND_WINDOW
+        return min(entry.due_s for seq, entry in self._entries.items() if seq < end)
+
+    def sent(self, seq: int, now_s: float) -> None:
+        """Take note that a message went out: it is due again when its patience is over."""
+        entry = self._entries[seq]
+        entry.due_s = now_s + self._resend_s * entry.backoff
+        entry.backoff = min(entry.backoff * _BACKOFF_FACTOR, _MAX_BACKOFF)
+
+    def defer(self, seq: int, now_s: float) -> None:
+        """Take note that the engine was busy: this message waits its turn."""
+        entry = self._entries.get(seq)
+        if entry is not None:
+            entry.due_s = now_s + self._resend_s
+
+    def mark_all_due(self) -> None:
+        """Make everything due: the connection is a new one, and what was under way on the old one may be lost."""
+        for entry in self._entries.values():
+            entry.due_s = 0.0
+            entry.backoff = 1.0
+
+
+RETRYABLE_OUTCOMES: Final = frozenset({"busy", "throttled"})
 """Outcomes after which a message is sent again; every other one is final."""
 
-_MESSAGE_BYTES: Final = 262_144
+_DEFAULT_MESSAGE_BYTES: Final = 262_144
 """What an engine takes unless it says otherwise in its welcome; far beyond it, it hangs up."""
 
 
-class OutboxFullError(ClientError):
+class BufferFullError(ClientError):
     """More messages wait for their acknowledgement than may be kept; the new one was not taken."""
 
 
@@ -39,13 +157,14 @@ class Session:
         session: names this run of the device; a random one where not told. Whoever goes on with an old session goes
             on with its numbers: ``first_seq``.
         keys: CURVE keys, where the engine asks for them.
-        keep_messages, keep_bytes: how much is kept that was not acknowledged.
-        greets: say ``hello``, which makes this sender the voice of the device. A process that only adds fixes or truth
+        buffer_messages, buffer_bytes: how much is kept that was not acknowledged.
+        send_hello: say ``hello``, which makes this sender the voice of the device. A process that only adds fixes or
+            truth
             to a device that speaks for itself does not.
         resend_s: how long to wait for an acknowledgement before sending again.
         on_outcome: called with (number, outcome, detail) of every message that is done with.
         on_drop: called with the number of the oldest message, which is dropped when too much is kept; without it
-            the new message is refused with :class:`OutboxFullError`.
+            the new message is refused with :class:`OutboxFullErrorControlReply`.
         clock: seconds, monotonic.
 
     Attributes:
@@ -53,7 +172,8 @@ class Session:
         sent, resent: messages that went out for the first time, and again.
         welcome: what the engine answered to ``hello``, None before.
         refused: why the engine refused a ``hello``, or messages it did not look into; empty after a ``welcome``.
-        door: tells whether the engine lets this client in at all: ``door.shut`` and ``door.doubt`` say why not.
+        handshake: tells whether the engine lets this client in at all: ``handshake.shut`` and ``handshake.doubt`` say
+            why not.
     """
 
     def __init__(
@@ -64,9 +184,9 @@ class Session:
         session: str | None = None,
         first_seq: int = 1,
         keys: Keys | None = None,
-        keep_messages: int = 20_000,
-        keep_bytes: int = 64 * 2**20,
-        greets: bool = True,
+        buffer_messages: int = 20_000,
+        buffer_bytes: int = 64 * 2**20,
+        send_hello: bool = True,
         resend_s: float = 2.0,
         on_outcome: Callable[[int, str, str], None] | None = None,
         on_drop: Callable[[int], None] | None = None,
@@ -88,23 +208,23 @@ class Session:
         self._address = address
         self._next = first_seq
         self._highest_sent = first_seq - 1
-        self._outbox = Outbox(keep_messages, keep_bytes, resend_s)
+        self._buffer = RetransmitBuffer(buffer_messages, buffer_bytes, resend_s)
         self._on_outcome = on_outcome
         self._on_drop = on_drop
         self._clock = clock
         self._hello: dict[str, Any] = {"sensors": {}, "software": "tickfix.client", "clock": ""}
-        self._greets = greets
-        self._left = False
-        self._greet = greets
-        self._socket = open_socket(zmq.DEALER, keys, context)
+        self._send_hello = send_hello
+        self._bye_sent = False
+        self._hello_due = send_hello
+        self._socket = open_client_socket(zmq.DEALER, keys, context)
         # Nothing waits in a queue of libzmq for a connection: what waits, waits in the outbox.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
-        self.door = Door(self._socket, address, keys)
+        self.handshake = HandshakeMonitor(self._socket, address, keys)
 
     @property
     def unacknowledged(self) -> int:
         """Number of messages whose fate is not known yet."""
-        return len(self._outbox)
+        return len(self._buffer)
 
     def hello(self, sensors: Mapping[str, float], *, software: str = "tickfix.client", clock: str = "") -> None:
         """Tell what measures at which rate in Hz; said again by itself on every new connection.
@@ -112,29 +232,29 @@ class Session:
         Without this call the session is opened with a ``hello`` that names no sensors.
         """
         self._hello = {"sensors": {k: float(v) for k, v in sensors.items()}, "software": software, "clock": clock}
-        self._greet = True
-        self._pump()
+        self._hello_due = True
+        self._service()
 
     def send(self, message: Mapping[str, Any]) -> int:
         """Send a message, a map with its ``type``; device, session and number are set here. Return its number.
 
         Raises:
             ClientError: for a message that is longer than the engine takes.
-            OutboxFullError: see the class.
+            BufferFullError: see the class.
         """
         kind = str(message["type"])
         fields = {name: value for name, value in message.items() if name != "type"}
         head = {"v": VERSION, "type": kind, "device": self.device, "session": self.session}
-        data = packed({**fields, **head, "seq": self._next, "ack": True})
-        self._hear()
-        most = (self.welcome or {}).get("limits", {}).get("message_bytes", _MESSAGE_BYTES)
+        data = pack_message({**fields, **head, "seq": self._next, "ack": True})
+        self._receive()
+        most = (self.welcome or {}).get("limits", {}).get("message_bytes", _DEFAULT_MESSAGE_BYTES)
         if len(data) > most:
             raise ClientError(f"{kind}: found {len(data)} bytes; expected at most {most} in one message")
         self._make_room(len(data))
         seq, self._next = self._next, self._next + 1
-        self._left = False
-        self._outbox.keep(seq, data)
-        self._say()
+        self._bye_sent = False
+        self._buffer.add(seq, data)
+        self._send_due()
         return seq
 
     def bye(self, timeout_s: float = 5.0) -> bool:
@@ -145,28 +265,28 @@ class Session:
         before = self._clock()
         if not self.flush(timeout_s):
             return False
-        if not self._left:
+        if not self._bye_sent:
             self.send({"type": "bye"})
-            self._left = True
+            self._bye_sent = True
         return self.flush(timeout_s - (self._clock() - before))
 
     def flush(self, timeout_s: float) -> bool:
         """Wait until everything is acknowledged, and return whether it is; what is due again is sent meanwhile."""
         deadline_s = self._clock() + timeout_s
         while True:
-            self._pump()
+            self._service()
             now_s = self._clock()
-            due_s = self._outbox.next_due_s()
+            due_s = self._buffer.next_due_s()
             if due_s is None or now_s >= deadline_s:
                 return due_s is None
             # Due already and yet not sent: the socket does not take it, and only a look from time to time tells.
             wake_s = due_s if due_s > now_s else now_s + 0.05
-            self.door.poller.poll(int(1000.0 * (min(wake_s, deadline_s) - now_s)) + 1)
+            self.handshake.poller.poll(int(1000.0 * (min(wake_s, deadline_s) - now_s)) + 1)
 
     def close(self) -> int:
         """Close at once; return the number of messages whose fate stays unknown. :meth:`flush` first to have none."""
-        self.door.close()
-        return len(self._outbox)
+        self.handshake.close()
+        return len(self._buffer)
 
     def __enter__(self) -> Self:
         """Return the session itself."""
@@ -184,50 +304,50 @@ class Session:
 
     def _make_room(self, n_bytes: int) -> None:
         """Let the oldest messages go until one of this length can be kept, if they may."""
-        while not self._outbox.fits(n_bytes):
-            if self._on_drop is None or not self._outbox:
-                raise OutboxFullError(
-                    f"{self._address}: {len(self._outbox)} messages ({self._outbox.kept_bytes} bytes) wait for their "
+        while not self._buffer.fits(n_bytes):
+            if self._on_drop is None or not self._buffer:
+                raise BufferFullError(
+                    f"{self._address}: {len(self._buffer)} messages ({self._buffer.buffered_bytes} bytes) wait for their "
                     f"acknowledgement, and {n_bytes} bytes more do not fit; is the engine running? "
                     "Send later, keep more, or say by on_drop that the oldest may go"
                 )
-            oldest = self._outbox.oldest()
-            self._outbox.forget(oldest)
+            oldest = self._buffer.oldest()
+            self._buffer.forget(oldest)
             self._on_drop(oldest)
 
-    def _pump(self) -> None:
-        self._hear()
-        self._say()
+    def _service(self) -> None:
+        self._receive()
+        self._send_due()
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         """Read what has come."""
-        if self.door.look():
-            self._greet = self._greets
-            self._outbox.all_due()
-        while readable(self._socket):
-            self._take(self._socket.recv_multipart()[-1])
+        if self.handshake.read_events():
+            self._hello_due = self._send_hello
+            self._buffer.mark_all_due()
+        while has_message(self._socket):
+            self._handle_reply(self._socket.recv_multipart()[-1])
 
-    def _say(self) -> None:
+    def _send_due(self) -> None:
         """Greet on a new connection, and send what is due."""
-        if not self.door.connected:
+        if not self.handshake.connected:
             return
         with contextlib.suppress(zmq.Again):
-            if self._greet:
+            if self._hello_due:
                 hello = {"v": VERSION, "type": "hello", "device": self.device, "session": self.session}
-                self._socket.send(packed({**hello, **self._hello}), zmq.NOBLOCK)
-                self._greet = False
+                self._socket.send(pack_message({**hello, **self._hello}), zmq.NOBLOCK)
+                self._hello_due = False
             now_s = self._clock()
-            for seq, data in self._outbox.due(now_s):
+            for seq, data in self._buffer.due(now_s):
                 self._socket.send(data, zmq.NOBLOCK)
-                self._outbox.sent(seq, now_s)
+                self._buffer.sent(seq, now_s)
                 if seq > self._highest_sent:
                     self._highest_sent = seq
                     self.sent += 1
                 else:
                     self.resent += 1
 
-    def _take(self, data: bytes) -> None:
-        message = unpacked(data)
+    def _handle_reply(self, data: bytes) -> None:
+        message = unpack_message(data)
         if message is None:
             return
         kind, seq, outcome = message.get("type"), message.get("seq"), str(message.get("outcome"))
@@ -235,20 +355,20 @@ class Session:
             self.welcome, self.refused = message, ""
             return
         if kind == "error" and seq == 0:
-            self.refused = _reason(message)
+            self.refused = _reply_reason(message)
         mine = message.get("session") == self.session and message.get("device") == self.device
-        if kind not in {"ack", "error"} or not mine or not isinstance(seq, int) or seq not in self._outbox:
+        if kind not in {"ack", "error"} or not mine or not isinstance(seq, int) or seq not in self._buffer:
             return
         self.outcomes[outcome] += 1
-        if outcome in NOT_TAKEN:
-            self._outbox.refused_for_now(seq, self._clock())
+        if outcome in RETRYABLE_OUTCOMES:
+            self._buffer.defer(seq, self._clock())
             return
-        self._outbox.forget(seq)
+        self._buffer.forget(seq)
         if self._on_outcome is not None:
-            self._on_outcome(seq, outcome, _reason(message))
+            self._on_outcome(seq, outcome, _reply_reason(message))
 
 
-def _reason(answer: Mapping[str, Any]) -> str:
+def _reply_reason(answer: Mapping[str, Any]) -> str:
     if answer["type"] == "ack":
         return str(answer.get("detail", ""))
     return f"{answer.get('field')}: found {answer.get('found')}; expected {answer.get('expected')}"

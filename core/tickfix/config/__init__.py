@@ -3,9 +3,18 @@
 An error says in which file, under which key, what was found and what is allowed.
 """
 
-from tickfix.config.building import build
-from tickfix.config.choices import Choice, Config, PipelineConfig
-from tickfix.config.parameters import Field, describe
-from tickfix.config.parsing import STAGES, load, parse
+from tickfix.config.build import build_pipelines
+from tickfix.config.choices import AlgorithmChoice, Config, ParameterInfo, PipelineConfig, describe_parameters
+from tickfix.config.parse import STAGES, load_config, parse_config
 
-__all__ = ["STAGES", "Choice", "Config", "Field", "PipelineConfig", "build", "describe", "load", "parse"]
+__all__ = [
+    "STAGES",
+    "AlgorithmChoice",
+    "Config",
+    "ParameterInfo",
+    "PipelineConfig",
+    "build_pipelines",
+    "describe_parameters",
+    "load_config",
+    "parse_config",
+]

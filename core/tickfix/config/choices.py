@@ -1,28 +1,136 @@
-"""What a configuration says, checked: algorithms chosen, pipelines made of them, and the settings of a run."""
+"""What a configuration says, checked: algorithms chosen, their parameters, pipelines made of them, and the
+settings of a run."""
 
 from __future__ import annotations
 
+import dataclasses
+import difflib
 import json
+import types
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, Literal, TypeVar
 
 import msgspec
 
 from tickfix.api.errors import ConfigError
-from tickfix.config.checks import check_keys, convert
-from tickfix.config.parameters import describe
-from tickfix.config.words import one_of
 from tickfix.kernel import KernelSettings
-from tickfix.plugins import Offer
+from tickfix.registry import Offer
+
+
+def one_of(names: list[str], found: str) -> str:
+    """Return ``one of a, b, c``, and the name that was meant if one is near to what was found."""
+    near = difflib.get_close_matches(found, names, 1)
+    return f"one of {', '.join(names) or 'nothing'}" + (f" (did you mean {near[0]!r}?)" if near else "")
+
+
+def describe_type(hint: Any) -> str:
+    """Return what a type hint allows, bounds and choices too: ``integer ≥ 1``, ``one of 'a', 'b'``."""
+    if typing.get_origin(hint) is typing.Annotated:
+        base, *metas = typing.get_args(hint)
+        signs = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))
+        bounds = [
+            f"{sign} {getattr(meta, name):g}"
+            for meta in metas
+            for name, sign in signs
+            if getattr(meta, name, None) is not None
+        ]
+        return " ".join([describe_type(base), " and ".join(bounds)]).strip()
+    if typing.get_origin(hint) is Literal:
+        return "one of " + ", ".join(map(repr, typing.get_args(hint)))
+    if typing.get_origin(hint) is tuple:
+        return f"list of {describe_type(typing.get_args(hint)[0])}"
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return " or ".join(describe_type(arg) for arg in typing.get_args(hint))
+    names = {int: "integer", float: "number", str: "string", bool: "true or false", type(None): "nothing"}
+    return names.get(hint, getattr(hint, "__name__", str(hint)))
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterInfo:
+    """A parameter, for people to read."""
+
+    name: str
+    type: str
+    default: Any
+    doc: str
+    unit: str
+    source: str
+    trains: bool
+
+
+def describe_parameters(cls: type[Any]) -> tuple[ParameterInfo, ...]:
+    """Return the parameters of an algorithm in their order."""
+    hints = typing.get_type_hints(cls.Params, include_extras=True)
+    fields = []
+    for each in dataclasses.fields(cls.Params):
+        hint = hints[each.name]
+        metas = [m for m in getattr(hint, "__metadata__", ()) if isinstance(m, msgspec.Meta)]
+        meta = metas[0] if metas else msgspec.Meta()
+        extra = meta.extra or {}
+        default = each.default_factory() if each.default_factory is not dataclasses.MISSING else each.default
+        fields.append(
+            ParameterInfo(
+                each.name,
+                describe_type(hint),
+                default,
+                meta.description or "",
+                extra.get("unit", ""),
+                extra.get("source", ""),
+                extra.get("trains", False),
+            )
+        )
+    return tuple(fields)
+
+
+def check_keys(where: str, owner: str, table: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Refuse keys that are not known.
+
+    Args:
+        where: file and key of the table, for errors.
+        owner: whose keys they are, for errors; may be empty.
+        table: as it stands in the file.
+        known: the keys there are.
+
+    Raises:
+        ConfigError: naming the first unknown key and the known one nearest to it.
+    """
+    names = list(known)
+    for key in table:
+        if key not in names:
+            whose = f" of {owner}" if owner else ""
+            raise ConfigError(
+                f"{where}{'.' if ': ' in where else ': '}{key}", f"an unknown key{whose}", one_of(names, key)
+            )
+
+
+def convert_value(where: str, value: Any, kind: type[Any]) -> Any:
+    """Return a value of the file as the type that is asked for; a text becomes a path where that is a path.
+
+    Raises:
+        ConfigError: naming the value found and what is allowed.
+    """
+    try:
+        return msgspec.convert(value, kind, dec_hook=_path_dec_hook)
+    except msgspec.ValidationError as error:
+        raise ConfigError(where, repr(value), describe_type(kind)) from error
+
+
+def _path_dec_hook(kind: type[Any], value: Any) -> Path:
+    """Convert what msgspec knows nothing of: paths are texts."""
+    if kind is not Path or not isinstance(value, str):
+        raise msgspec.ValidationError
+    return Path(value)
+
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class AlgorithmChoice:
     """An algorithm that a pipeline chose, with its parameters checked."""
 
     offer: Offer
@@ -37,7 +145,11 @@ class Choice:
     @property
     def model(self) -> str:
         """Name of the model trained for it: parameters that training does not depend on do not matter."""
-        trains = {field.name: getattr(self.params, field.name) for field in describe(self.offer.cls) if field.trains}
+        trains = {
+            field.name: getattr(self.params, field.name)
+            for field in describe_parameters(self.offer.cls)
+            if field.trains
+        }
         digest = sha256(json.dumps(msgspec.to_builtins(trains), sort_keys=True).encode()).hexdigest()[:12]
         return f"{self.offer.kind}-{self.offer.name}-{digest}"
 
@@ -52,15 +164,15 @@ class PipelineConfig:
     """
 
     name: str
-    filter: Choice
-    pdr: Choice | None = None
-    fingerprint: Choice | None = None
-    map: Choice | None = None
+    filter: AlgorithmChoice
+    pdr: AlgorithmChoice | None = None
+    fingerprint: AlgorithmChoice | None = None
+    map: AlgorithmChoice | None = None
     table: str = ""
     swept: tuple[tuple[str, Any], ...] = ()
 
     @property
-    def choices(self) -> tuple[Choice, ...]:
+    def choices(self) -> tuple[AlgorithmChoice, ...]:
         """The stages that are there."""
         return tuple(c for c in (self.pdr, self.fingerprint, self.filter, self.map) if c is not None)
 
@@ -94,7 +206,7 @@ class Config:
             raise ConfigError(where, repr(table), f"a table [{name}]")
         hints = typing.get_type_hints(cls, include_extras=True)
         check_keys(where, "", table, list(hints))
-        values = {key: convert(f"{where}.{key}", value, hints[key]) for key, value in table.items()}
+        values = {key: convert_value(f"{where}.{key}", value, hints[key]) for key, value in table.items()}
         return cls(**values)
 
     def only(self, names: Iterable[str]) -> Config:

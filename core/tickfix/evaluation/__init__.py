@@ -1,5 +1,4 @@
-"""How good a track is: errors at waypoints, figures, comparisons and pictures.
+"""Evaluation of tracks against truth.
 
-One walk goes ``track`` → ``scoring`` → ``summary``; ``coverage`` says where the survey has been, ``figures`` what the
-numbers mean, ``tables`` and ``pictures`` show them.
+Scoring, metrics, paired statistics, comparison of pipelines, reports and pictures.
 """

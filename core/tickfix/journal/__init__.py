@@ -4,29 +4,34 @@ A journal is a folder of segments ``000001.mcap`` …, see docs/journal.md. :cla
 :class:`JournalReader` reads it; payloads are opaque bytes to both.
 """
 
-from tickfix.journal.errors import JournalCrowded, JournalDamaged, JournalError, JournalFull, JournalLocked
-from tickfix.journal.folder import is_being_written
-from tickfix.journal.manifest import Manifest
-from tickfix.journal.reader import JournalReader, Segment, Since
-from tickfix.journal.records import Kind, Record
-from tickfix.journal.segment_reader import Damage
-from tickfix.journal.settings import JournalSettings
-from tickfix.journal.writer import JournalWriter
+from tickfix.journal.journal_folder import (
+    JournalDamaged,
+    JournalError,
+    JournalFull,
+    JournalLocked,
+    JournalOutOfDescriptors,
+    JournalSettings,
+    is_being_written,
+)
+from tickfix.journal.journal_reader import JournalReader, ReadStart, SegmentInfo
+from tickfix.journal.journal_writer import JournalWriter
+from tickfix.journal.segment_layout import JournalRecord, RecordKind, RunManifest
+from tickfix.journal.segment_reader import SegmentDamage
 
 __all__ = [
-    "Damage",
-    "JournalCrowded",
     "JournalDamaged",
     "JournalError",
     "JournalFull",
     "JournalLocked",
+    "JournalOutOfDescriptors",
     "JournalReader",
+    "JournalRecord",
     "JournalSettings",
     "JournalWriter",
-    "Kind",
-    "Manifest",
-    "Record",
-    "Segment",
-    "Since",
+    "ReadStart",
+    "RecordKind",
+    "RunManifest",
+    "SegmentDamage",
+    "SegmentInfo",
     "is_being_written",
 ]

@@ -1,25 +1,23 @@
 """The deterministic heart: order, ticks, rewinding, folding. It imports :mod:`tickfix.api` only."""
 
-from tickfix.kernel.device import Standing
-from tickfix.kernel.epoch import Output
-from tickfix.kernel.intake import Outcome
-from tickfix.kernel.kernel import LOST, Kernel, KernelSettings
-from tickfix.kernel.observing import Question
-from tickfix.kernel.sessions import Sessions
+from tickfix.kernel.deduplication import MessageOutcome, SessionRegistry
+from tickfix.kernel.device import DeviceProgress, KernelOutput
+from tickfix.kernel.kernel import QUARANTINED, Kernel, KernelSettings
 from tickfix.kernel.snapshot import KernelSnapshot
-from tickfix.kernel.stages import Failure, Pipeline, Stage
+from tickfix.kernel.stages import Pipeline, Stage, StageFailure
+from tickfix.kernel.tracker import FingerprintRequest
 
 __all__ = [
-    "LOST",
-    "Failure",
+    "QUARANTINED",
+    "DeviceProgress",
+    "FingerprintRequest",
     "Kernel",
+    "KernelOutput",
     "KernelSettings",
     "KernelSnapshot",
-    "Outcome",
-    "Output",
+    "MessageOutcome",
     "Pipeline",
-    "Question",
-    "Sessions",
+    "SessionRegistry",
     "Stage",
-    "Standing",
+    "StageFailure",
 ]

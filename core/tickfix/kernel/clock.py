@@ -24,21 +24,21 @@ from operator import itemgetter
 from typing import Any, Final, TypeAlias
 
 from tickfix.api.events import Fix, Scan
-from tickfix.kernel.measurements import Item
+from tickfix.kernel.measurements import Measurement
 from tickfix.kernel.snapshot import ClockSnapshot, HeldSnapshot
 
-LEAP_NS: Final = 60_000_000_000
+EPOCH_JUMP_NS: Final = 60_000_000_000
 """A jump ahead by more than this is not a gap but a new epoch."""
-_AGREEING: Final = 3
+_MIN_CONFIRMING: Final = 3
 _GAP_SPAN_NS: Final = 500_000_000
 _EPOCH_SPAN_NS: Final = 2_000_000_000
-_HELD_MOST: Final = 8_192
+_MAX_HELD: Final = 8_192
 """Samples held at most; a scan counts for one and a quarter of its readings. Two seconds of a phone are far less."""
-_STREAMS: Final = 64
+_MAX_STREAMS: Final = 64
 """Streams whose newest times are known at most: sources of scans and fixes have any name."""
 
 
-class Verdict(Enum):
+class TimestampVerdict(Enum):
     """What to do with a time."""
 
     FOLLOW = auto()
@@ -48,16 +48,16 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class HeldMeasurement:
     """A sample that waits for others to confirm its time."""
 
     t_ns: int
     stream: str
-    item: Item
+    measurement: Measurement
     ahead: bool
 
 
-_Entry: TypeAlias = tuple[int, int, Held]
+_HeldEntry: TypeAlias = tuple[int, int, HeldMeasurement]
 """Time, order of arrival, sample: what is held stands in lists sorted by these, so that none has to be searched."""
 
 
@@ -76,33 +76,37 @@ class DeviceClock:
         self.jump_ns = min(5_000_000_000, horizon_ns // 2)
         self.latest_ns: int | None = None
         self.last_ns: dict[str, int] = {}
-        self._ahead: list[_Entry] = []
-        self._voting: list[_Entry] = []
-        self._behind: list[_Entry] = []
-        self._behind_of: dict[str, list[_Entry]] = {}
+        self._ahead: list[_HeldEntry] = []
+        self._voting: list[_HeldEntry] = []
+        self._behind: list[_HeldEntry] = []
+        self._behind_of: dict[str, list[_HeldEntry]] = {}
         self._order = 0
-        self._room = _HELD_MOST
+        self._room = _MAX_HELD
 
     @property
     def reach_ns(self) -> int | None:
         """The newest time that follows without being confirmed, None before the first."""
         if self.latest_ns is None:
             return None
-        since_ns = self.latest_ns - LEAP_NS
+        since_ns = self.latest_ns - EPOCH_JUMP_NS
         steady = any(self.last_ns.get(stream, since_ns - 1) >= since_ns for stream in self._steady)
-        return self.latest_ns + (self.jump_ns if steady else LEAP_NS)
+        return self.latest_ns + (self.jump_ns if steady else EPOCH_JUMP_NS)
 
-    def judge(self, t_ns: int, stream: str, limit_ns: int | None) -> Verdict:
+    def classify(self, t_ns: int, stream: str, limit_ns: int | None) -> TimestampVerdict:
         """Judge a time; ``limit_ns`` is the horizon, None as long as there is none."""
         reach_ns = self.reach_ns
         if reach_ns is None:
-            return Verdict.FOLLOW
+            return TimestampVerdict.FOLLOW
         if t_ns > reach_ns:
-            return Verdict.HOLD_AHEAD
+            return TimestampVerdict.HOLD_AHEAD
         if limit_ns is None or t_ns >= limit_ns:
-            return Verdict.FOLLOW
+            return TimestampVerdict.FOLLOW
         last_ns = self.last_ns.get(stream)
-        return Verdict.HOLD_BEHIND if last_ns is None or last_ns - t_ns > self._horizon_ns else Verdict.STALE
+        return (
+            TimestampVerdict.HOLD_BEHIND
+            if last_ns is None or last_ns - t_ns > self._horizon_ns
+            else TimestampVerdict.STALE
+        )
 
     def follow(self, t_ns: int, stream: str) -> int:
         """Note a time that follows; return how many held samples it contradicts and so drops."""
@@ -110,21 +114,21 @@ class DeviceClock:
         if advances:
             self.latest_ns = t_ns
         if t_ns > self.last_ns.get(stream, -1):
-            self._heard(t_ns, stream)
+            self._note_stream_time(t_ns, stream)
         if not self._ahead and not self._behind:
             return 0
         if advances:
             self._voting.clear()
-            contradicted = self._behind + self._ahead[bisect_left(self._ahead, (t_ns + LEAP_NS + 1,)) :]
+            contradicted = self._behind + self._ahead[bisect_left(self._ahead, (t_ns + EPOCH_JUMP_NS + 1,)) :]
         else:
             contradicted = list(self._behind_of.get(stream, ()))
         if contradicted:
             self._drop(contradicted)
         return len(contradicted)
 
-    def hold(self, held: Held) -> int:
+    def hold(self, held: HeldMeasurement) -> int:
         """Keep a sample until others confirm it; return how many had to be dropped to keep the number bounded."""
-        self._keep(held, votes=True)
+        self._store(held, votes=True)
         if self._room >= 0:
             return 0
         # The older half at once, so that a sample costs the same however many are held.
@@ -133,41 +137,41 @@ class DeviceClock:
         self._drop(dropped)
         return len(dropped)
 
-    def caught_up(self) -> list[Held]:
+    def release_caught_up(self) -> list[HeldMeasurement]:
         """Return, and no longer hold, what lies ahead but within reach now."""
         reach_ns = self.reach_ns
         if not self._ahead or reach_ns is None or self._ahead[0][0] > reach_ns:
             return []
-        return self._take(self._ahead[: bisect_left(self._ahead, (reach_ns + 1,))])
+        return self._release(self._ahead[: bisect_left(self._ahead, (reach_ns + 1,))])
 
-    def confirmed(self, newest: Held) -> tuple[list[Held], bool]:
+    def release_confirmed(self, newest: HeldMeasurement) -> tuple[list[HeldMeasurement], bool]:
         """Return the held samples that ``newest`` confirms, and whether they begin a new epoch; often none."""
         assert self.latest_ns is not None  # noqa: S101 - nothing is held before something was followed
-        votes, far_ns = self._voting if newest.ahead else self._behind, self.latest_ns + LEAP_NS
-        since_ns, until_ns = newest.t_ns - LEAP_NS, newest.t_ns + LEAP_NS
+        votes, far_ns = self._voting if newest.ahead else self._behind, self.latest_ns + EPOCH_JUMP_NS
+        since_ns, until_ns = newest.t_ns - EPOCH_JUMP_NS, newest.t_ns + EPOCH_JUMP_NS
         gap = newest.ahead and newest.t_ns <= far_ns
         if gap:
             until_ns = min(until_ns, far_ns)
         elif newest.ahead:
             since_ns = max(since_ns, far_ns + 1)
         begin, end = bisect_left(votes, (since_ns,)), bisect_left(votes, (until_ns + 1,))
-        if end - begin < _AGREEING:
+        if end - begin < _MIN_CONFIRMING:
             return [], False
         oldest_ns, newest_ns = votes[begin][0], votes[end - 1][0]
         between = bisect_left(votes, (newest_ns,)) - bisect_left(votes, (oldest_ns + 1,))
         if between < 1 or newest_ns - oldest_ns < (_GAP_SPAN_NS if gap else _EPOCH_SPAN_NS):
             return [], False
         if not gap:
-            return self._take(votes[begin:end]), True
+            return self._release(votes[begin:end]), True
         # The clock is there now: whatever waits before it, or within reach of it, has its place.
-        return self._take(self._ahead[: bisect_left(self._ahead, (newest_ns + self.jump_ns + 1,))]), False
+        return self._release(self._ahead[: bisect_left(self._ahead, (newest_ns + self.jump_ns + 1,))]), False
 
-    def remaining(self) -> list[Held]:
+    def release_all(self) -> list[HeldMeasurement]:
         """Return, and no longer hold, everything held."""
-        return self._take(self._ahead + self._behind)
+        return self._release(self._ahead + self._behind)
 
     @property
-    def holds(self) -> int:
+    def held_count(self) -> int:
         """How many samples are held."""
         return len(self._ahead) + len(self._behind)
 
@@ -178,7 +182,7 @@ class DeviceClock:
         return ClockSnapshot(
             latest_ns=self.latest_ns,
             last_ns=tuple(self.last_ns.items()),
-            held=tuple(_kept(held, votes=not held.ahead or order in voting) for _, order, held in held),
+            held=tuple(_held_snapshot(held, votes=not held.ahead or order in voting) for _, order, held in held),
         )
 
     def restore(self, kept: ClockSnapshot) -> None:
@@ -186,18 +190,18 @@ class DeviceClock:
         self.latest_ns, self.last_ns = kept.latest_ns, dict(kept.last_ns)
         for waiting in kept.held:
             content = next(c for c in (waiting.scan, waiting.fix, waiting.row) if c is not None)
-            item = Item(waiting.t_ns, waiting.stream, content)
-            self._keep(Held(waiting.t_ns, waiting.stream, item, waiting.ahead), votes=waiting.votes)
+            measurement = Measurement(waiting.t_ns, waiting.stream, content)
+            self._store(HeldMeasurement(waiting.t_ns, waiting.stream, measurement, waiting.ahead), votes=waiting.votes)
 
-    def _heard(self, t_ns: int, stream: str) -> None:
+    def _note_stream_time(self, t_ns: int, stream: str) -> None:
         """Note the newest time of a stream; whoever invents streams pushes out the oldest, never the steady ones."""
         self.last_ns[stream] = t_ns
-        if len(self.last_ns) > _STREAMS:
+        if len(self.last_ns) > _MAX_STREAMS:
             del self.last_ns[next(name for name in self.last_ns if name not in self._steady)]
 
-    def _keep(self, held: Held, *, votes: bool) -> None:
+    def _store(self, held: HeldMeasurement, *, votes: bool) -> None:
         self._order += 1
-        self._room -= _weight(held)
+        self._room -= _held_weight(held)
         entry = (held.t_ns, self._order, held)
         if held.ahead:
             insort(self._ahead, entry)
@@ -207,22 +211,22 @@ class DeviceClock:
             insort(self._behind, entry)
             insort(self._behind_of.setdefault(held.stream, []), entry)
 
-    def _take(self, entries: list[_Entry]) -> list[Held]:
+    def _release(self, entries: list[_HeldEntry]) -> list[HeldMeasurement]:
         self._drop(entries)
         return sorted((held for _, _, held in entries), key=lambda h: (h.t_ns, h.stream))
 
-    def _drop(self, entries: list[_Entry]) -> None:
-        self._room += sum(_weight(held) for _, _, held in entries)
+    def _drop(self, entries: list[_HeldEntry]) -> None:
+        self._room += sum(_held_weight(held) for _, _, held in entries)
         gone = {order for _, order, _ in entries}
         for kept in (self._ahead, self._voting, self._behind):
-            _leave_out(kept, entries, gone)
+            _remove_entries(kept, entries, gone)
         for stream in {held.stream for _, _, held in entries if not held.ahead}:
-            _leave_out(self._behind_of[stream], entries, gone)
+            _remove_entries(self._behind_of[stream], entries, gone)
             if not self._behind_of[stream]:
                 del self._behind_of[stream]
 
 
-def _leave_out(kept: list[_Entry], entries: list[_Entry], gone: set[int]) -> None:
+def _remove_entries(kept: list[_HeldEntry], entries: list[_HeldEntry], gone: set[int]) -> None:
     """Remove entries from a sorted list; few are found faster one by one."""
     if 16 * len(entries) > len(kept):
         kept[:] = [entry for entry in kept if entry[1] not in gone]
@@ -233,13 +237,13 @@ def _leave_out(kept: list[_Entry], entries: list[_Entry], gone: set[int]) -> Non
             del kept[place]
 
 
-def _weight(held: Held) -> int:
-    content: Any = held.item.content if isinstance(held.item, Item) else None
+def _held_weight(held: HeldMeasurement) -> int:
+    content: Any = held.measurement.content if isinstance(held.measurement, Measurement) else None
     return 1 + len(content) // 4 if isinstance(content, Scan) else 1
 
 
-def _kept(held: Held, *, votes: bool) -> HeldSnapshot:
-    content = held.item.content
+def _held_snapshot(held: HeldMeasurement, *, votes: bool) -> HeldSnapshot:
+    content = held.measurement.content
     return HeldSnapshot(
         t_ns=held.t_ns,
         stream=held.stream,

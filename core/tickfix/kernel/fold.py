@@ -11,7 +11,7 @@ from tickfix.api.packing import nbytes
 S = TypeVar("S")
 O = TypeVar("O")  # noqa: E741 - output
 
-_MEASURED: Final = 8
+_MEASURE_EVERY: Final = 8
 """At every so many-th tick a state is measured, which takes a while: states grow slowly once a stage has begun."""
 
 
@@ -42,7 +42,7 @@ class Fold(Generic[S, O]):
         self._stride = 1
         self._checkpoints: dict[int, S] = {}
         self.outputs: dict[int, O] = {}
-        self.upto: int | None = None
+        self.folded_to: int | None = None
 
     def begin(self, tick: int) -> None:
         """Start anew, ``tick`` being the first to fold."""
@@ -52,7 +52,7 @@ class Fold(Generic[S, O]):
         """Go on from the state after ``tick``."""
         self.outputs.clear()
         self._checkpoints = {tick: state}
-        self.upto = tick
+        self.folded_to = tick
 
     @property
     def oldest(self) -> tuple[int, S]:
@@ -61,41 +61,41 @@ class Fold(Generic[S, O]):
 
     def rewind(self, tick: int) -> None:
         """Forget ``tick`` and all after it, back to the checkpoint before it."""
-        if self.upto is None or tick > self.upto:
+        if self.folded_to is None or tick > self.folded_to:
             return
         self._checkpoints = {k: state for k, state in self._checkpoints.items() if k < tick}
-        self.upto = max(self._checkpoints)
-        for k in [k for k in self.outputs if k > self.upto]:
+        self.folded_to = max(self._checkpoints)
+        for k in [k for k in self.outputs if k > self.folded_to]:
             del self.outputs[k]
 
-    def ahead(self, tick: int) -> Iterator[tuple[int, S]]:
-        """Yield each tick to fold, up to and including ``tick``, and the state before it; :meth:`keep` follows."""
-        assert self.upto is not None  # noqa: S101 - begin comes first
-        while self.upto < tick:
-            yield self.upto + 1, self._checkpoints[self.upto]
+    def pending_ticks(self, tick: int) -> Iterator[tuple[int, S]]:
+        """Yield each tick to fold, up to and including ``tick``, and the state before it; :meth:`record` follows."""
+        assert self.folded_to is not None  # noqa: S101 - begin comes first
+        while self.folded_to < tick:
+            yield self.folded_to + 1, self._checkpoints[self.folded_to]
 
-    def keep(self, tick: int, state: S, output: O) -> None:
+    def record(self, tick: int, state: S, output: O) -> None:
         """Keep what a tick was folded to; it is the one after the last."""
         before = tick - 1
         if before % self._stride and before != next(iter(self._checkpoints)):
             del self._checkpoints[before]  # the oldest stays: every rewind needs one to go back to
         self._checkpoints[tick], self.outputs[tick] = state, output
-        self.upto = tick
-        if tick % _MEASURED == 0:
-            self._thin(state)
+        self.folded_to = tick
+        if tick % _MEASURE_EVERY == 0:
+            self._adjust_stride(state)
 
     def advance(self, tick: int, step: Callable[[S, int], tuple[S, O]]) -> None:
         """Fold up to and including ``tick``."""
-        for k, state in self.ahead(tick):
+        for k, state in self.pending_ticks(tick):
             kept, output = step(state, k)
-            self.keep(k, kept, output)
+            self.record(k, kept, output)
 
     def before(self, tick: int) -> tuple[int, S] | None:
         """Return the newest checkpoint before ``tick``: its tick and the state after it; None where there is none."""
         known = max((k for k in self._checkpoints if k < tick), default=None)
         return None if known is None else (known, self._checkpoints[known])
 
-    def again(self, tick: int) -> int:
+    def refold_from(self, tick: int) -> int:
         """Return the first tick to fold again after a rewind to ``tick``."""
         if tick - 1 in self._checkpoints:
             return tick
@@ -103,15 +103,15 @@ class Fold(Generic[S, O]):
 
     def forget(self, tick: int) -> int:
         """Drop checkpoints that no rewind to ``tick`` or later needs; return the first tick to fold again."""
-        again = self.again(tick)
-        _drop_before(again - 1, self._checkpoints)
-        return again
+        refold_from = self.refold_from(tick)
+        _drop_ticks_before(refold_from - 1, self._checkpoints)
+        return refold_from
 
     def drop_outputs(self, tick: int) -> None:
         """Drop the outputs before ``tick``."""
-        _drop_before(tick, self.outputs)
+        _drop_ticks_before(tick, self.outputs)
 
-    def _thin(self, state: S) -> None:
+    def _adjust_stride(self, state: S) -> None:
         measured = 0
         with suppress(Exception):  # a state is a stage's, and may break when it is looked at
             measured = nbytes(state)
@@ -119,7 +119,7 @@ class Fold(Generic[S, O]):
         self._stride = min(self._horizon, -(-self._horizon // affordable)) or 1
 
 
-def _drop_before(tick: int, ticks: dict[int, Any]) -> None:
+def _drop_ticks_before(tick: int, ticks: dict[int, Any]) -> None:
     """Drop what stands before ``tick`` in a mapping whose keys ascend."""
     while ticks and (first := next(iter(ticks))) < tick:
         del ticks[first]

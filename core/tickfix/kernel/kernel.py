@@ -15,14 +15,12 @@ from typing import Final
 
 from tickfix.api.errors import PluginError
 from tickfix.api.events import Event, Fix, Scan, Truth
-from tickfix.kernel.device import Device, Standing
-from tickfix.kernel.epoch import Output
-from tickfix.kernel.intake import Outcome
-from tickfix.kernel.observing import Question
-from tickfix.kernel.sessions import Sessions
+from tickfix.kernel.batch import step_batch, step_one
+from tickfix.kernel.deduplication import MessageOutcome, SessionRegistry
+from tickfix.kernel.device import Device, DeviceProgress, KernelOutput
 from tickfix.kernel.snapshot import KernelSnapshot
-from tickfix.kernel.stages import Caller, Failure, Pipeline, Stage
-from tickfix.kernel.together import alone, together
+from tickfix.kernel.stages import Pipeline, Stage, StageCaller, StageFailure
+from tickfix.kernel.tracker import FingerprintRequest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +42,9 @@ class KernelSettings:
     repack: bool = False
 
 
-_RESTORED: Final = 32
+_RESTORE_BATCH: Final = 32
 """Devices restored side by side: of more, what one step needs does not stay in the processor's cache until the next."""
-LOST = "device lost"
+QUARANTINED = "device quarantined"
 """Stands in the place of a stage where the kernel itself breaks on a device."""
 
 
@@ -66,7 +64,7 @@ class Kernel:
         settings: KernelSettings | None = None,
         *,
         starts: Mapping[str, Fix] = MappingProxyType({}),
-        on_failure: Callable[[Failure], None] | None = None,
+        on_failure: Callable[[StageFailure], None] | None = None,
         on_call: Callable[[Stage | None], None] | None = None,
     ) -> None:
         """Begin with no device."""
@@ -75,49 +73,51 @@ class Kernel:
         self._starts = starts
         self._on_failure = on_failure
         self._devices: dict[str, Device] = {}
-        self._sessions = Sessions()
-        self._call = Caller(self._failed, on_call=on_call, strict=self._settings.strict, repack=self._settings.repack)
+        self._sessions = SessionRegistry()
+        self._call = StageCaller(
+            self._report_failure, on_call=on_call, strict=self._settings.strict, repack=self._settings.repack
+        )
         self.intake: Counter[str] = Counter()
         self.measurements: Counter[str] = Counter()
         self.failures: Counter[str] = Counter()
 
-    def feed(self, event: Event) -> Outcome:
+    def feed(self, event: Event) -> MessageOutcome:
         """Take an event in; call :meth:`run` to fold what it makes due."""
         try:
             outcome = self._feed(event)
         except Exception as error:  # noqa: BLE001 - see _lose
-            self._lose(event.device, error)
-            outcome = Outcome.MALFORMED
+            self._quarantine(event.device, error)
+            outcome = MessageOutcome.MALFORMED
         self.intake[outcome.value] += 1
         return outcome
 
-    def repeats(self, event: Event) -> bool:
+    def is_duplicate(self, event: Event) -> bool:
         """Tell whether the event would be a duplicate by its number, without taking note of it."""
-        return self._sessions.repeats(event)
+        return self._sessions.is_duplicate(event)
 
-    def standing(self, device: str) -> Standing | None:
+    def progress(self, device: str) -> DeviceProgress | None:
         """Return how far a device has come, None for one that is not followed."""
         known = self._devices.get(device)
-        return None if known is None else known.standing
+        return None if known is None else known.progress
 
-    def run(self, device: str, tick: int | None = None, most: int | None = None) -> Output:
+    def run(self, device: str, tick: int | None = None, max_ticks: int | None = None) -> KernelOutput:
         """Fold what is due for a device; ``tick`` closes ticks up to it whether or not the data has passed them.
 
-        At most ``most`` ticks are closed, if that is told; its :class:`Standing` says whether more are due.
+        At most ``max_ticks`` ticks are closed, if that is told; its :class:`Standing` says whether more are due.
         """
-        return self.run_many([(device, tick)], most)[0]
+        return self.run_many([(device, tick)], max_ticks)[0]
 
-    def run_many(self, runs: Sequence[tuple[str, int | None]], most: int | None = None) -> list[Output]:
+    def run_many(self, runs: Sequence[tuple[str, int | None]], max_ticks: int | None = None) -> list[KernelOutput]:
         """Run several devices, each named once: the same to the bit as one after the other, and cheaper.
 
         Filters that can step many devices at once do.
         """
         known = [(n, device, tick) for n, (device, tick) in enumerate(runs) if device in self._devices]
-        outputs = [Output() for _ in runs]
-        done = together([self._devices[device].run(tick, most) for _, device, tick in known], self._call)
+        outputs = [KernelOutput() for _ in runs]
+        done = step_batch([self._devices[device].run(tick, max_ticks) for _, device, tick in known], self._call)
         for (n, device, _), output in zip(known, done, strict=True):
             if isinstance(output, Exception):
-                self._lose(device, output)
+                self._quarantine(device, output)
             else:
                 outputs[n] = output
         return outputs
@@ -126,9 +126,9 @@ class Kernel:
         """Forget a device that cannot be folded any more, and say nothing; should it come back, it begins anew."""
         known = self._devices.pop(device, None)
         if known is not None:
-            self._sessions.retire(device, known.number + 1)
+            self._sessions.close(device, known.number + 1)
 
-    def finish(self, device: str) -> Output:
+    def finish(self, device: str) -> KernelOutput:
         """Nothing more is expected from this device: fold and settle everything, and forget its past.
 
         The message numbers of its last two sessions are remembered, and should it come back, a new epoch begins: no
@@ -136,25 +136,25 @@ class Kernel:
         """
         known = self._devices.pop(device, None)
         if known is None:
-            return Output()
-        self._sessions.retire(device, known.number + 1)
+            return KernelOutput()
+        self._sessions.close(device, known.number + 1)
         try:
-            return alone(known.finish(), self._call)
+            return step_one(known.finish(), self._call)
         except Exception as error:  # noqa: BLE001 - see _lose
-            self._lose(device, error)
-            return Output()
+            self._quarantine(device, error)
+            return KernelOutput()
 
     def forget(self, device: str) -> None:
         """Remember nothing of a device that was finished: should it come back, it is a new one."""
         self._sessions.forget(device)
 
-    def questions(self, scan: Scan) -> list[Question]:
+    def fingerprint_requests(self, scan: Scan) -> list[FingerprintRequest]:
         """Return what the fingerprints will be asked once ``scan`` is fed.
 
         A driver may compute the answers elsewhere beforehand.
         """
         device = self._devices.get(scan.device) or self._begin(scan.device, 0)
-        return device.questions(scan)
+        return device.fingerprint_requests(scan)
 
     def snapshot(self) -> KernelSnapshot:
         """Return the kernel as a value; every device must have been run since it was fed."""
@@ -163,7 +163,7 @@ class Kernel:
             horizon_s=self._settings.horizon_s,
             devices=tuple(device.snapshot() for device in self._devices.values()),
             sessions=self._sessions.snapshot(),
-            retired=tuple(self._sessions.retired.items()),
+            closed_devices=tuple(self._sessions.closed_devices.items()),
             intake=tuple(sorted(self.intake.items())),
             measurements=tuple(sorted(self.measurements.items())),
             failures=tuple(sorted(self.failures.items())),
@@ -181,15 +181,15 @@ class Kernel:
             then, now = getattr(kept, name), getattr(self._settings, name)
             if then != now:
                 raise ValueError(f"{name}: found {now}, the snapshot was taken with {then}")
-        for begin in range(0, len(kept.devices), _RESTORED):
-            works = []
-            for found in kept.devices[begin : begin + _RESTORED]:
+        for begin in range(0, len(kept.devices), _RESTORE_BATCH):
+            coroutines = []
+            for found in kept.devices[begin : begin + _RESTORE_BATCH]:
                 device = self._devices[found.device] = self._begin(found.device, found.number)
-                works.append(device.restore(found))
-            for done in together(works, self._call):
+                coroutines.append(device.restore(found))
+            for done in step_batch(coroutines, self._call):
                 if isinstance(done, Exception):
                     raise done
-        self._sessions.restore(kept.sessions, kept.retired)
+        self._sessions.restore(kept.sessions, kept.closed_devices)
         for counter, counts in (
             (self.intake, kept.intake),
             (self.measurements, kept.measurements),
@@ -206,26 +206,26 @@ class Kernel:
     @property
     def missing(self) -> int:
         """How many messages of the devices followed now were passed over by later ones and have not come."""
-        return self._sessions.lacking(self._devices)
+        return self._sessions.missing_count(self._devices)
 
-    def _feed(self, event: Event) -> Outcome:
+    def _feed(self, event: Event) -> MessageOutcome:
         if isinstance(event, Truth):
-            return Outcome.ACCEPTED
+            return MessageOutcome.ACCEPTED
         is_new, numbers = self._sessions.enter(event)
         if not is_new:
-            return Outcome.DUPLICATE
+            return MessageOutcome.DUPLICATE
         device = self._devices.get(event.device)
         if device is None:
             device = self._devices[event.device] = self._begin(event.device, self._sessions.begin(event.device))
         if numbers is None:
             return device.feed(event)
         before = device.reached
-        outcome = device.feed(event, overtaken=event.seq < numbers.reached)
+        outcome = device.feed(event, out_of_order=event.seq < numbers.reached)
         if device.reached != before and event.seq <= numbers.highest:
             numbers.reached = max(numbers.reached, event.seq)
         return outcome
 
-    def _lose(self, device: str, error: Exception) -> None:
+    def _quarantine(self, device: str, error: Exception) -> None:
         """Abandon a device that the kernel breaks on, here and in every repetition alike.
 
         No such device is known. Should there be one, then the others shall not have to go with it.
@@ -233,7 +233,9 @@ class Kernel:
         if self._settings.strict or isinstance(error, PluginError):
             raise error
         self.abandon(device)
-        self._failed(Failure(LOST, type(error).__name__, "".join(traceback.format_exception(error))))
+        self._report_failure(
+            StageFailure(QUARANTINED, type(error).__name__, "".join(traceback.format_exception(error)))
+        )
 
     def _begin(self, device: str, number: int) -> Device:
         return Device(
@@ -248,7 +250,7 @@ class Kernel:
             number=number,
         )
 
-    def _failed(self, failure: Failure) -> None:
+    def _report_failure(self, failure: StageFailure) -> None:
         self.failures[str(failure)] += 1
         if self._on_failure is not None:
             self._on_failure(failure)

@@ -130,7 +130,7 @@ class KernelSnapshot:
         seed, horizon_s: settings that what follows depends on.
         devices: in their order.
         sessions: in their order, device by device.
-        retired: devices that were forgotten, with the number of their next epoch.
+        closed_devices: devices that were forgotten, with the number of their next epoch.
         intake, measurements, failures: counters.
     """
 
@@ -138,7 +138,7 @@ class KernelSnapshot:
     horizon_s: float
     devices: tuple[DeviceSnapshot, ...] = ()
     sessions: tuple[SessionSnapshot, ...] = ()
-    retired: tuple[tuple[str, int], ...] = ()
+    closed_devices: tuple[tuple[str, int], ...] = ()
     intake: tuple[tuple[str, int], ...] = field(default=())
     measurements: tuple[tuple[str, int], ...] = field(default=())
     failures: tuple[tuple[str, int], ...] = field(default=())

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from tickfix.api.errors import PluginError
-from tickfix.api.packing import pack, unpack, values_within
+from tickfix.api.packing import field_values_getter, pack, unpack
 from tickfix.api.values import Belief, Component, Motion, Observation, Report
 from tickfix.kernel.snapshot import FoldSnapshot
 
@@ -60,7 +60,7 @@ class Pipeline:
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class StageFailure:
     """A stage call that failed.
 
     Attributes:
@@ -78,7 +78,7 @@ class Failure:
         return f"{self.stage}: {self.what}"
 
 
-class Caller:
+class StageCaller:
     """Calls stages.
 
     Args:
@@ -90,7 +90,7 @@ class Caller:
 
     def __init__(
         self,
-        on_failure: Callable[[Failure], None],
+        on_failure: Callable[[StageFailure], None],
         *,
         on_call: Callable[[Stage | None], None] | None = None,
         strict: bool = False,
@@ -103,14 +103,14 @@ class Caller:
         self._repack = repack
 
     def __call__(self, stage: Stage, check: Callable[[Any], Any], call: Callable[..., Any], *args: Any) -> Any:
-        """Return what ``call(*args)`` returned, checked by ``check``; or the :class:`Failure`."""
-        self._tell(stage)
+        """Return what ``call(*args)`` returned, checked by ``check``; or the :class:`StageFailure`."""
+        self._notify(stage)
         try:
             return check(call(*args))
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # a stage that calls sys.exit() must not end the others
-            failure = Failure(stage.label, type(error).__name__, _said(error))
+            failure = StageFailure(stage.label, type(error).__name__, _error_text(error))
             if self._strict:
                 raise PluginError(
                     stage.label, f"{failure.what}: {failure.detail}", "See the traceback above."
@@ -118,11 +118,11 @@ class Caller:
             self._on_failure(failure)
             return failure
         finally:
-            self._tell(None)
+            self._notify(None)
 
-    def attempt(self, stage: Stage, call: Callable[[], T]) -> T | None:
+    def call_or_none(self, stage: Stage, call: Callable[[], T]) -> T | None:
         """Return what ``call()`` returned; None where it failed, of which nobody is told: it will be done otherwise."""
-        self._tell(stage)
+        self._notify(stage)
         try:
             return call()
         except KeyboardInterrupt:
@@ -130,7 +130,7 @@ class Caller:
         except BaseException:  # noqa: BLE001 - as above
             return None
         finally:
-            self._tell(None)
+            self._notify(None)
 
     def state(self, stage: Stage, state: Any) -> Any:
         """Check a state: no NaN in it, of the type the algorithm declares."""
@@ -141,12 +141,12 @@ class Caller:
             raise FloatingPointError("returned a state with NaN in it")
         return unpack(pack(state), declared) if self._repack else state
 
-    def _tell(self, stage: Stage | None) -> None:
+    def _notify(self, stage: Stage | None) -> None:
         if self._on_call is not None:
             self._on_call(stage)
 
 
-def _said(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     try:
         return str(error)
     except Exception:  # noqa: BLE001 - even its words may be a stage's code
@@ -158,7 +158,7 @@ def packed_state(state: Any) -> bytes | None:
     return None if state is None else pack(state)
 
 
-def kept_snapshot(call: Caller, stage: Stage, snapshot: Callable[[], FoldSnapshot]) -> FoldSnapshot | None:
+def checked_snapshot(call: StageCaller, stage: Stage, snapshot: Callable[[], FoldSnapshot]) -> FoldSnapshot | None:
     """Return a fold's snapshot; None, and a failure of the stage, where its state cannot be packed."""
     kept = call(stage, lambda made: made, snapshot)
     return kept if isinstance(kept, FoldSnapshot) else None
@@ -209,14 +209,16 @@ def checked_report(report: Any) -> Report:
         raise TypeError(f"returned {type(report).__name__}, expected (state, Report)")
     if not isinstance(report.reasons, tuple) or not all(isinstance(reason, str) for reason in report.reasons):
         raise TypeError("returned a Report with reasons that are no tuple of strings")
-    if sum(map(len, report.reasons)) > _REASONS_CHARS or len(report.reasons) > _REASONS:
-        raise ValueError(f"returned a Report with over {_REASONS} reasons, or {_REASONS_CHARS} characters of them")
+    if sum(map(len, report.reasons)) > _MAX_REASONS_CHARS or len(report.reasons) > _MAX_REASONS:
+        raise ValueError(
+            f"returned a Report with over {_MAX_REASONS} reasons, or {_MAX_REASONS_CHARS} characters of them"
+        )
     for name, kinds in _REPORT_TYPES.items():
         if not isinstance(getattr(report, name), kinds):
             raise TypeError(f"returned a Report with {name} of type {type(getattr(report, name)).__name__}")
     changes: dict[str, Any] = {
         name: None
-        for name in ("innovation_m", "gate")
+        for name in ("innovation_m", "nis")
         if getattr(report, name) is not None and not math.isfinite(getattr(report, name))
     }
     return dataclasses.replace(report, **changes) if changes else report
@@ -226,8 +228,8 @@ def checked_belief(belief: Any) -> Belief:
     """Return ``belief`` if it is one, finite, with covariances that are."""
     if not isinstance(belief, Belief):
         raise TypeError(f"estimate returned {type(belief).__name__}, expected Belief")
-    if len(belief.mixture) > _COMPONENTS or len(belief.floor_probabilities) > _COMPONENTS:
-        raise ValueError(f"estimate returned a mixture or floors of over {_COMPONENTS} parts")
+    if len(belief.mixture) > _MAX_COMPONENTS or len(belief.floor_probabilities) > _MAX_COMPONENTS:
+        raise ValueError(f"estimate returned a mixture or floors of over {_MAX_COMPONENTS} parts")
     _check_gaussian(belief)
     for component in belief.mixture:
         _check_gaussian(component)
@@ -260,7 +262,7 @@ def has_nan(state: Any) -> bool:
     todo = [state]
     for value in todo:  # which grows meanwhile
         kind = value.__class__
-        if kind in _NO_NUMBERS:
+        if kind in _TYPES_WITHOUT_NAN:
             continue
         if kind is tuple:
             todo += value
@@ -271,16 +273,16 @@ def has_nan(state: Any) -> bool:
             # A sum of squares is NaN where one of them is, and nowhere else: infinities only add up.
             if value.dtype.kind == "f" and math.isnan(np.vdot(value, value)):
                 return True
-        elif (within := values_within(kind)) is not None:
+        elif (within := field_values_getter(kind)) is not None:
             todo += within(value)
         elif isinstance(value, tuple):
             todo += value
     return False
 
 
-_NO_NUMBERS: Final = frozenset({int, str, bool, bytes, type(None)})
-_REASONS: Final = 64
-_REASONS_CHARS: Final = 4_096
-_COMPONENTS: Final = 1_024
+_TYPES_WITHOUT_NAN: Final = frozenset({int, str, bool, bytes, type(None)})
+_MAX_REASONS: Final = 64
+_MAX_REASONS_CHARS: Final = 4_096
+_MAX_COMPONENTS: Final = 1_024
 _REPORT_TYPES: Final = {"used": int | np.integer, "gated": int | np.integer, "lost": bool | np.bool_}
 _MOTION_NUMBERS: Final = tuple(f.name for f in dataclasses.fields(Motion) if f.name not in ("steps", "stationary"))

@@ -17,22 +17,31 @@ import numpy as np
 from tickfix.api.arrays import Floats, Ints
 from tickfix.api.events import LATEST_NS, SENSORS, TICK_NS, Event, Fix, MotionSamples, Samples, Scan
 from tickfix.api.values import Readings, Window
-from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
-from tickfix.kernel.intake import Outcome
-from tickfix.kernel.measurements import Item, explode, fix_order, rows_of, scan_order
-from tickfix.kernel.samples import TickSamples, by_tick, is_increasing, tick_of
+from tickfix.kernel.clock import EPOCH_JUMP_NS, DeviceClock, HeldMeasurement, TimestampVerdict
+from tickfix.kernel.deduplication import MessageOutcome
+from tickfix.kernel.measurements import (
+    Measurement,
+    RecentScans,
+    TickSamples,
+    fix_sort_key,
+    is_increasing,
+    scan_sort_key,
+    split_by_tick,
+    split_event,
+    tick_of,
+    to_rows,
+)
 from tickfix.kernel.snapshot import StreamSnapshot, TimelineSnapshot
-from tickfix.kernel.windows import RecentScans
 
 _ACTIVE_NS: Final = 1_000_000_000
-_CROWD: Final = 64
-FURTHEST_NS: Final = 600_000_000_000
+_MAX_SCANS_OR_FIXES: Final = 64
+MAX_ADVANCE_NS: Final = 600_000_000_000
 """One message takes a device's clock no further, so that folding what it makes due stays bounded."""
-_MOTION: Final = frozenset(SENSORS) - {"pressure"}
+_MOTION_SENSORS: Final = frozenset(SENSORS) - {"pressure"}
 
 
 @dataclass(slots=True)
-class Interval:
+class TickMeasurements:
     """What was measured within one tick: of scans and of fixes the first 64 in their order."""
 
     samples: dict[str, TickSamples] = field(default_factory=dict)
@@ -41,7 +50,7 @@ class Interval:
 
 
 @dataclass(slots=True)
-class Changes:
+class ChangedTicks:
     """The earliest ticks whose content changed since they were last read; None means nothing did."""
 
     motion: int | None = None
@@ -50,16 +59,17 @@ class Changes:
 
 
 @dataclass(slots=True)
-class Insertion:
+class InsertResult:
     """What became of an event.
 
     Attributes:
         outcome: of the message.
-        anew: measurements that begin a new epoch, in their order; they and what followed them are not in this timeline.
+        restart: measurements that begin a new epoch, in their order; they and what followed them are not in this
+            timeline.
     """
 
-    outcome: Outcome
-    anew: list[Item] = field(default_factory=list)
+    outcome: MessageOutcome
+    restart: list[Measurement] = field(default_factory=list)
 
 
 class Timeline:
@@ -74,62 +84,64 @@ class Timeline:
         """Begin with nothing measured."""
         self._horizon_ns = horizon_ns
         self._counts = counts
-        self._clock = DeviceClock(horizon_ns, _MOTION)
-        self._intervals: dict[int, Interval] = {}
+        self._clock = DeviceClock(horizon_ns, _MOTION_SENSORS)
+        self._intervals: dict[int, TickMeasurements] = {}
         self._scans = RecentScans()
         self._since: int | None = None
         self.first: int | None = None
         self.closed: int | None = None
-        self.changes = Changes()
+        self.changes = ChangedTicks()
 
-    def insert(self, event: Event, *, overtaken: bool = False) -> Insertion:
+    def insert(self, event: Event, *, out_of_order: bool = False) -> InsertResult:
         """Insert what can be used of an event (any but truth) and say what became of it.
 
         Args:
             event: of this device.
-            overtaken: something sent after it has taken the clock further: it is late, and tells of no new epoch.
+            out_of_order: something sent after it has taken the clock further: it is late, and tells of no new epoch.
         """
         before = dict(self._counts)
-        if isinstance(event, MotionSamples) and self._insert_in_one_go(event):
-            return Insertion(self._outcome(before))
-        items = list(explode(event, self._counts))
-        anew = self.insert_items(items, overtaken=overtaken)
-        return Insertion(self._outcome(before), anew)
+        if isinstance(event, MotionSamples) and self._insert_batch(event):
+            return InsertResult(self._outcome(before))
+        items = list(split_event(event, self._counts))
+        restart = self.insert_measurements(items, out_of_order=out_of_order)
+        return InsertResult(self._outcome(before), restart)
 
-    def insert_items(self, items: list[Item], *, overtaken: bool = False) -> list[Item]:
+    def insert_measurements(self, items: list[Measurement], *, out_of_order: bool = False) -> list[Measurement]:
         """Insert measurements in the order given; return those that begin a new epoch, with all that follow them.
 
         The clock goes on by ten minutes at most, however many there are; what comes after that is dropped.
         """
         since_ns = self._clock.latest_ns
-        for n, item in enumerate(items):
+        for n, measurement in enumerate(items):
             latest_ns = self._clock.latest_ns
             since_ns = latest_ns if since_ns is None else since_ns
-            if latest_ns is not None and since_ns is not None and latest_ns - since_ns > FURTHEST_NS:
+            if latest_ns is not None and since_ns is not None and latest_ns - since_ns > MAX_ADVANCE_NS:
                 self._counts["dropped"] += len(items) - n
                 return []
-            verdict = self._clock.judge(item.t_ns, item.stream, self._limit_ns)
-            if verdict is Verdict.FOLLOW:
-                self._insert(item)
-                self._insert_held(self._clock.caught_up())
-            elif verdict is Verdict.STALE or (overtaken and verdict is Verdict.HOLD_BEHIND):
+            verdict = self._clock.classify(measurement.t_ns, measurement.stream, self._limit_ns)
+            if verdict is TimestampVerdict.FOLLOW:
+                self._insert(measurement)
+                self._insert_held(self._clock.release_caught_up())
+            elif verdict is TimestampVerdict.STALE or (out_of_order and verdict is TimestampVerdict.HOLD_BEHIND):
                 self._counts["stale"] += 1
             else:
-                held = Held(item.t_ns, item.stream, item, ahead=verdict is Verdict.HOLD_AHEAD)
+                held = HeldMeasurement(
+                    measurement.t_ns, measurement.stream, measurement, ahead=verdict is TimestampVerdict.HOLD_AHEAD
+                )
                 self._counts["held"] += 1
                 self._counts["dropped"] += self._clock.hold(held)
-                released, anew = self._clock.confirmed(held)
-                if anew:
-                    return [h.item for h in released] + items[n + 1 :]
+                released, restart = self._clock.release_confirmed(held)
+                if restart:
+                    return [h.measurement for h in released] + items[n + 1 :]
                 self._insert_held(released)
         return []
 
     def finish(self) -> None:
         """Nothing more will come: insert what is held within reach of this epoch, drop the rest."""
         latest_ns = self._clock.latest_ns
-        for held in self._clock.remaining():
+        for held in self._clock.release_all():
             # Within a minute of what is known now: each of them within a minute of the one before would lead anywhere.
-            if held.ahead and latest_ns is not None and held.t_ns <= latest_ns + LEAP_NS:
+            if held.ahead and latest_ns is not None and held.t_ns <= latest_ns + EPOCH_JUMP_NS:
                 self._insert_held([held])
             else:
                 self._counts["dropped"] += 1
@@ -145,13 +157,13 @@ class Timeline:
         return None if self._clock.latest_ns is None else tick_of(self._clock.latest_ns)
 
     @property
-    def passed(self) -> int | None:
+    def watermark(self) -> int | None:
         """The newest tick that every motion sensor heard in the last second has passed, None before the first."""
         now_ns = self._clock.latest_ns
         if now_ns is None:
             return None
         since_ns = now_ns - _ACTIVE_NS
-        active = [t for stream, t in self._clock.last_ns.items() if t >= since_ns and stream in _MOTION]
+        active = [t for stream, t in self._clock.last_ns.items() if t >= since_ns and stream in _MOTION_SENSORS]
         return min(active, default=now_ns) // TICK_NS
 
     def close(self, tick: int) -> None:
@@ -183,7 +195,7 @@ class Timeline:
 
     def windows_with(self, scan: Scan, tick: int, window: Window) -> tuple[Readings, ...]:
         """Return the windows of ``scan``, as if it were inserted, and of all other wanted scans after ``tick``."""
-        recent = self._scans.with_(scan)
+        recent = self._scans.with_scan(scan)
         after = [s for s in recent.kept if tick_of(s.t_ns) > tick and s.source in window.sources]
         return tuple(recent.window(s, window) for s in after)
 
@@ -225,10 +237,10 @@ class Timeline:
         for stream in kept.streams:
             times = stream.t_ns.tolist()
             if is_increasing(times):
-                for tick, begin, end in by_tick(times):
+                for tick, begin, end in split_by_tick(times):
                     self._samples(tick, stream.stream).extend(stream.t_ns[begin:end], stream.rows[begin:end])
                 continue
-            for t_ns, row in zip(times, rows_of(stream.rows), strict=True):
+            for t_ns, row in zip(times, to_rows(stream.rows), strict=True):
                 self._samples(tick_of(t_ns), stream.stream).put(t_ns, row)
         for fix in kept.fixes:
             self._interval(tick_of(fix.t_ns)).fixes.append(fix)
@@ -236,12 +248,12 @@ class Timeline:
             if kept.since is None or tick_of(scan.t_ns) >= kept.since:
                 self._interval(tick_of(scan.t_ns)).scans.append(scan)
         self._since, self.first, self.closed = kept.since, kept.first, kept.closed
-        self.changes = Changes(*kept.changed)
+        self.changes = ChangedTicks(*kept.changed)
 
-    def _interval(self, tick: int) -> Interval:
+    def _interval(self, tick: int) -> TickMeasurements:
         interval = self._intervals.get(tick)
         if interval is None:
-            interval = self._intervals[tick] = Interval()
+            interval = self._intervals[tick] = TickMeasurements()
         return interval
 
     def _samples(self, tick: int, stream: str) -> TickSamples:
@@ -257,21 +269,21 @@ class Timeline:
             return self.closed * TICK_NS - self._horizon_ns
         return None if self._clock.latest_ns is None else self._clock.latest_ns - self._horizon_ns
 
-    def _outcome(self, before: dict[str, int]) -> Outcome:
-        def grew(count: str) -> bool:
+    def _outcome(self, before: dict[str, int]) -> MessageOutcome:
+        def increased(count: str) -> bool:
             return self._counts.get(count, 0) > before.get(count, 0)
 
-        if grew("accepted") or grew("held"):
-            return Outcome.ACCEPTED
-        for outcome in (Outcome.LATE, Outcome.DUPLICATE, Outcome.STALE):
-            if grew(outcome.value):
+        if increased("accepted") or increased("held"):
+            return MessageOutcome.ACCEPTED
+        for outcome in (MessageOutcome.LATE, MessageOutcome.DUPLICATE, MessageOutcome.STALE):
+            if increased(outcome.value):
                 return outcome
-        return Outcome.MALFORMED
+        return MessageOutcome.MALFORMED
 
-    def _insert_in_one_go(self, batch: MotionSamples) -> bool:
+    def _insert_batch(self, batch: MotionSamples) -> bool:
         """Insert a batch none of whose samples needs judging one by one; tell whether that was so."""
         reach_ns, limit_ns = self._clock.reach_ns, self._limit_ns
-        if reach_ns is None or limit_ns is None or self._clock.holds:
+        if reach_ns is None or limit_ns is None or self._clock.held_count:
             return False
         oldest_ns, newest_ns = max(limit_ns, 0), min(reach_ns, LATEST_NS)
         found = [(name, samples.t_ns.tolist(), samples) for name, samples in batch.sensors.items() if len(samples)]
@@ -280,20 +292,20 @@ class Timeline:
                 return False
         for name, times, samples in found:
             if is_increasing(times):
-                # Copies: those of the message go with it, and there are no negative zeros, see rows_of.
+                # Copies: those of the message go with it, and there are no negative zeros, see to_rows.
                 self._insert_ordered(name, times, samples.t_ns.copy(), samples.values + 0.0)
             else:
-                for t_ns, row in zip(times, rows_of(samples.values), strict=True):
-                    self._insert(Item(t_ns, name, row))
+                for t_ns, row in zip(times, to_rows(samples.values), strict=True):
+                    self._insert(Measurement(t_ns, name, row))
         return True
 
     def _insert_ordered(self, stream: str, times: list[int], t_ns: Ints, rows: Floats) -> None:
         """Insert samples of one sensor in increasing time, as inserting one by one would; ``times`` are ``t_ns``."""
-        for tick, begin, end in by_tick(times):
+        for tick, begin, end in split_by_tick(times):
             samples = self._samples(tick, stream)
             n_new, changed = samples.extend(t_ns[begin:end], rows[begin:end])
-            if samples.crowded:
-                self._counts["crowded"] += samples.take_crowded()
+            if samples.overflow:
+                self._counts["overflow"] += samples.take_overflow()
             if changed and (self.changes.motion is None or tick < self.changes.motion):
                 self.changes.motion = tick
             self._count(n_new, end - begin, tick)
@@ -309,50 +321,50 @@ class Timeline:
         if self.first is None or tick < self.first:
             self.first = tick
 
-    def _insert_held(self, released: list[Held]) -> None:
+    def _insert_held(self, released: list[HeldMeasurement]) -> None:
         """Insert what was held, unless a driver has closed the ticks beyond it while it waited."""
         for held in released:
             limit_ns = self._limit_ns
             if limit_ns is not None and held.t_ns < limit_ns:
                 self._counts["stale"] += 1
             else:
-                self._insert(held.item)
+                self._insert(held.measurement)
 
-    def _insert(self, item: Item) -> None:
-        tick = tick_of(item.t_ns)
-        self._counts["dropped"] += self._clock.follow(item.t_ns, item.stream)
-        if isinstance(item.content, Scan):
-            is_new = self._insert_scan(self._interval(tick), item.content, tick)
-        elif isinstance(item.content, Fix):
-            is_new = self._insert_fix(self._interval(tick), item.content, tick)
+    def _insert(self, measurement: Measurement) -> None:
+        tick = tick_of(measurement.t_ns)
+        self._counts["dropped"] += self._clock.follow(measurement.t_ns, measurement.stream)
+        if isinstance(measurement.content, Scan):
+            is_new = self._insert_scan(self._interval(tick), measurement.content, tick)
+        elif isinstance(measurement.content, Fix):
+            is_new = self._insert_fix(self._interval(tick), measurement.content, tick)
         else:
-            samples = self._samples(tick, item.stream)
-            is_new, changed = samples.put(item.t_ns, item.content)
-            if samples.crowded:
-                self._counts["crowded"] += samples.take_crowded()
+            samples = self._samples(tick, measurement.stream)
+            is_new, changed = samples.put(measurement.t_ns, measurement.content)
+            if samples.overflow:
+                self._counts["overflow"] += samples.take_overflow()
             if changed:
                 self.changes.motion = tick if self.changes.motion is None else min(tick, self.changes.motion)
         self._count(int(is_new), 1, tick)
 
-    def _insert_scan(self, interval: Interval, scan: Scan, tick: int) -> bool:
-        order = scan_order(scan)
-        if any(scan_order(present) == order for present in interval.scans):
+    def _insert_scan(self, interval: TickMeasurements, scan: Scan, tick: int) -> bool:
+        order = scan_sort_key(scan)
+        if any(scan_sort_key(present) == order for present in interval.scans):
             return False
-        insort(interval.scans, scan, key=scan_order)
+        insort(interval.scans, scan, key=scan_sort_key)
         self._scans.add(scan)
-        if len(interval.scans) > _CROWD:
-            self._scans.leave_out(interval.scans.pop())
-            self._counts["crowded"] += 1
+        if len(interval.scans) > _MAX_SCANS_OR_FIXES:
+            self._scans.remove(interval.scans.pop())
+            self._counts["overflow"] += 1
         self.changes.scans = tick if self.changes.scans is None else min(tick, self.changes.scans)
         return True
 
-    def _insert_fix(self, interval: Interval, fix: Fix, tick: int) -> bool:
-        order = fix_order(fix)
-        if any(fix_order(present) == order for present in interval.fixes):
+    def _insert_fix(self, interval: TickMeasurements, fix: Fix, tick: int) -> bool:
+        order = fix_sort_key(fix)
+        if any(fix_sort_key(present) == order for present in interval.fixes):
             return False
-        insort(interval.fixes, fix, key=fix_order)
-        if len(interval.fixes) > _CROWD:
+        insort(interval.fixes, fix, key=fix_sort_key)
+        if len(interval.fixes) > _MAX_SCANS_OR_FIXES:
             interval.fixes.pop()
-            self._counts["crowded"] += 1
+            self._counts["overflow"] += 1
         self.changes.fixes = tick if self.changes.fixes is None else min(tick, self.changes.fixes)
         return True

@@ -1,10 +1,19 @@
 """ZeroMQ: sensors in, positions out, control; who may come in, and how much of it."""
 
-from tickfix.ports.clock import Clock
-from tickfix.ports.hub import Addresses, Hub
-from tickfix.ports.intake import Command, Incoming
+from tickfix.ports.hub import Hub, PortAddresses
+from tickfix.ports.inbound_queue import ControlCommand, InboundMessage
 from tickfix.ports.peers import Peer
-from tickfix.ports.positions import Said
-from tickfix.ports.settings import PeerLimits, PortSettings
+from tickfix.ports.port_settings import Clock, PeerLimits, PortSettings
+from tickfix.ports.publishers import Publication
 
-__all__ = ["Addresses", "Clock", "Command", "Hub", "Incoming", "Peer", "PeerLimits", "PortSettings", "Said"]
+__all__ = [
+    "Clock",
+    "ControlCommand",
+    "Hub",
+    "InboundMessage",
+    "Peer",
+    "PeerLimits",
+    "PortAddresses",
+    "PortSettings",
+    "Publication",
+]

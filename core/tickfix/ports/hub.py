@@ -11,29 +11,24 @@ from typing import Any, Final
 import zmq
 
 from tickfix.api.errors import PortError
-from tickfix.kernel import Outcome
-from tickfix.ports.authentication import AllowList, Doorkeeper
-from tickfix.ports.backlog import Backlog
-from tickfix.ports.clock import Clock
-from tickfix.ports.control import Control
-from tickfix.ports.following import Following, Record
-from tickfix.ports.intake import Inbox, Incoming, Intake, Item
-from tickfix.ports.opening import OpenPorts
-from tickfix.ports.peers import Peers
-from tickfix.ports.positions import Positions, Said
-from tickfix.ports.rounds import Rounds
-from tickfix.ports.sensors import Sensors
-from tickfix.ports.settings import PeerLimits, PortSettings
-from tickfix.ports.sockets import check_libzmq
-from tickfix.ports.waking import Errands
+from tickfix.kernel import MessageOutcome
+from tickfix.ports.authentication import AllowList, ZapAuthenticator
+from tickfix.ports.control_port import ControlPort
+from tickfix.ports.inbound_queue import InboundItem, InboundMessage, InboundQueue, IntakeCounters
+from tickfix.ports.io_thread import CallQueue, IoLoop, PublicationBacklog
+from tickfix.ports.peers import PeerRegistry
+from tickfix.ports.port_settings import Clock, PeerLimits, PortSettings
+from tickfix.ports.publishers import FollowPort, FollowRecord, PositionsPort, Publication
+from tickfix.ports.sensors_port import SensorsPort
+from tickfix.ports.sockets import PortSockets, check_libzmq
 from tickfix.wire import OLDEST_VERSION, VERSION
 
-_REQUESTS: Final = PeerLimits(messages_per_s=100.0, message_burst=200, bytes_per_s=2**20, byte_burst=2**22)
-_LAST_WORDS_MS: Final = 5_000
+_CONTROL_LIMITS: Final = PeerLimits(messages_per_s=100.0, message_burst=200, bytes_per_s=2**20, byte_burst=2**22)
+_CLOSE_LINGER_MS: Final = 5_000
 
 
 @dataclass(frozen=True, slots=True)
-class Addresses:
+class PortAddresses:
     """Where the ports are, in full; ``follow`` is empty when nobody can follow."""
 
     sensors: str
@@ -45,11 +40,13 @@ class Addresses:
 class Hub:
     """All sockets of an engine, and the one thread that touches them.
 
-    The loop takes what came in with :meth:`take` and owes each :class:`Incoming` one :meth:`answer`; everything else
+    The loop takes what came in with :meth:`take` and owes each :class:`InboundMessage` one :meth:`answer`; everything
+    else
     here may be called from any thread and returns at once.
 
     ``describe(what, args)`` is called on the hub's thread for every request but ``drain``, ``stop`` and ``primary``
-    (those come out of :meth:`take` as :class:`Command`) and ``subscribe-info`` (answered here). It must be quick and
+    (those come out of :meth:`take` as :class:`ControlCommand`) and ``subscribe-info`` (answered here). It must be
+    quick and
     safe from a foreign thread, and return what MessagePack can hold; what it raises is told to who asked.
     ``tickfix status`` shows what ``describe("status", {})`` returns, a plain dict::
 
@@ -92,37 +89,37 @@ class Hub:
         self._site = site
         self._describe = describe
         self._clock = Clock() if clock is None else clock
-        self._ports = OpenPorts(settings)
+        self._ports = PortSockets(settings)
         self._allowed = None if settings.keys is None else AllowList(settings.keys)
-        self._intake = Intake()
-        self._inbox = Inbox(settings.queue_messages, settings.queue_bytes)
-        self._peers = Peers(settings.peer, self._allowed)
+        self._intake = IntakeCounters()
+        self._inbound_queue = InboundQueue(settings.queue_messages, settings.queue_bytes)
+        self._peers = PeerRegistry(settings.peer, self._allowed)
         self._thread: threading.Thread | None = None
         self._stopping = False
         self._failure: BaseException | None = None
-        self._doorkeeper: Doorkeeper | None = None
-        self._following: Following | None = None
-        self.addresses = Addresses("", "", "", "")
+        self._authenticator: ZapAuthenticator | None = None
+        self._follow_port: FollowPort | None = None
+        self.addresses = PortAddresses("", "", "", "")
 
-    def start(self) -> Addresses:
+    def start(self) -> PortAddresses:
         """Bind all ports and begin to serve them.
 
         Raises:
             PortError: naming the address that cannot be bound, and why.
         """
         self._ports.open()
-        self.addresses = Addresses(**({"follow": ""} | self._ports.endpoints))
-        self._errands = Errands()
-        self._backlog = Backlog(self._errands)
-        self._attend()
-        self._rounds = Rounds(
+        self.addresses = PortAddresses(**({"follow": ""} | self._ports.endpoints))
+        self._call_queue = CallQueue()
+        self._publication_backlog = PublicationBacklog(self._call_queue)
+        self._create_ports()
+        self._io_loop = IoLoop(
             self._ports,
-            self._errands,
+            self._call_queue,
             sensors=self._sensors,
             control=self._control,
             positions=self._positions,
-            following=self._following,
-            doorkeeper=self._doorkeeper,
+            following=self._follow_port,
+            authenticator=self._authenticator,
             allowed=self._allowed,
             clock=self._clock,
         )
@@ -130,74 +127,74 @@ class Hub:
         self._thread.start()
         return self.addresses
 
-    def take(self, timeout_s: float, most: int = 1_000) -> list[Item]:
+    def take(self, timeout_s: float, max_items: int = 1_000) -> list[InboundItem]:
         """Return what came in, oldest first; wait until something is there or the timeout has passed.
 
         Raises:
             PortError: when the thread of the ports has ended by itself.
         """
-        items = self._inbox.take(timeout_s, most)
+        items = self._inbound_queue.take(timeout_s, max_items)
         if not items and self._failure is not None:
             raise PortError(f"the ports have stopped: {self._failure!r}") from self._failure
         return items
 
     def wake(self) -> None:
         """Let :meth:`take` return, though nothing came in; from any thread."""
-        self._inbox.wake()
+        self._inbound_queue.wake()
 
-    def answer(self, incoming: Incoming, outcome: Outcome, detail: str = "") -> None:
+    def answer(self, incoming: InboundMessage, outcome: MessageOutcome, detail: str = "") -> None:
         """Settle a message: count its outcome, and tell the sender if it wants to know or must know.
 
         A second answer to the same message is ignored: the first one counts.
         """
-        if not self._intake.settle_once(incoming, outcome):
+        if not self._intake.count_outcome_once(incoming, outcome):
             return
-        for body in self._sensors.answer_for(incoming, outcome, detail):
-            self._errands.add(partial(self._sensors.send, incoming.peer, body))
+        for body in self._sensors.replies_for(incoming, outcome, detail):
+            self._call_queue.add(partial(self._sensors.send, incoming.peer, body))
 
-    def publish(self, said: Sequence[Said]) -> None:
+    def publish(self, publications: Sequence[Publication]) -> None:
         """Publish estimates or revisions, in this order."""
-        self._backlog.add(said, self._positions.publish)
+        self._publication_backlog.add(publications, self._positions.publish)
 
-    def follow(self, records: Sequence[Record]) -> None:
+    def follow(self, records: Sequence[FollowRecord]) -> None:
         """Offer records of the journal to engines that follow, in this order."""
-        if self._following is not None:
-            self._backlog.add(records, self._following.publish)
+        if self._follow_port is not None:
+            self._publication_backlog.add(records, self._follow_port.publish)
 
-    def refuse(self, reason: str | None) -> None:
+    def reject_new_devices(self, reason: str | None) -> None:
         """From now on answer new devices with ``busy`` and this reason; None lets them in again."""
-        self._sensors.doors.new_devices = reason
+        self._sensors.admission.new_devices = reason
 
-    def refuse_all(self, reason: str | None) -> None:
+    def reject_all_messages(self, reason: str | None) -> None:
         """From now on answer every message with ``busy`` and this reason; None lets them in again."""
-        self._sensors.doors.everything = reason
+        self._sensors.admission.all_messages = reason
 
     def forget(self, device: str) -> None:
         """Forget a device that left or expired: its place is free, and its last values are not repeated any more."""
-        self._errands.add(partial(self._forget, device))
+        self._call_queue.add(partial(self._forget, device))
 
     def counters(self) -> dict[str, Any]:
         """Return all counters; those of the intake are of one instant, and add up."""
         publications = {
             "sent": self._positions.publisher.sent,
             "sent_bytes": self._positions.publisher.sent_bytes,
-            "repeated": self._positions.repeated,
+            "last_values_sent": self._positions.last_values_sent,
             "stalls": self._positions.publisher.stalls,
-            "discarded": self._backlog.discarded,
+            "discarded": self._publication_backlog.discarded,
         }
-        if self._following is not None:
-            publications["followed"] = self._following.publisher.sent
-            publications["follow_stalls"] = self._following.publisher.stalls
-        messages, n_bytes = self._inbox.waiting
+        if self._follow_port is not None:
+            publications["follow_sent"] = self._follow_port.publisher.sent
+            publications["follow_stalls"] = self._follow_port.publisher.stalls
+        messages, n_bytes = self._inbound_queue.waiting
         return {
             "intake": self._intake.snapshot(self._peers),
             "queue": {"messages": messages, "bytes": n_bytes},
-            "devices": len(self._sensors.speakers),
+            "devices": len(self._sensors.device_sessions),
             "publications": publications,
-            "answers_lost": self._sensors.lost + self._control.lost,
+            "replies_lost": self._sensors.replies_lost + self._control.replies_lost,
             "control": {"requests": self._control.requests, "refused": self._control.refused},
             "keys": self._key_counters(),
-            "errors": dict(self._rounds.errors),
+            "errors": dict(self._io_loop.errors),
         }
 
     def stop(self) -> None:
@@ -205,58 +202,58 @@ class Hub:
         if self._thread is None:
             return
         self._stopping = True
-        self._errands.add(lambda: None)
+        self._call_queue.add(lambda: None)
         self._thread.join()
         self._thread = None
 
-    def _attend(self) -> None:
+    def _create_ports(self) -> None:
         """Put someone behind every socket."""
         settings, clock, ports = self._settings, self._clock, self._ports
-        self._sensors = Sensors(
+        self._sensors = SensorsPort(
             ports["sensors"],
             settings,
             run=self._run,
             site=self._site,
             peers=self._peers,
             intake=self._intake,
-            inbox=self._inbox,
+            inbound_queue=self._inbound_queue,
             clock=clock,
         )
-        self._control = Control(
+        self._control = ControlPort(
             ports["control"],
-            peers=Peers(_REQUESTS, self._allowed),
-            inbox=self._inbox,
-            describe=self._told,
-            post=self._errands.add,
+            peers=PeerRegistry(_CONTROL_LIMITS, self._allowed),
+            inbound_queue=self._inbound_queue,
+            describe=self._describe_request,
+            post=self._call_queue.add,
             clock=clock,
         )
-        self._positions = Positions(
+        self._positions = PositionsPort(
             ports["positions"], run=self._run, site=self._site, heartbeat_s=settings.heartbeat_s, clock=clock
         )
         if "follow" in ports:
-            self._following = Following(ports["follow"], run=self._run)
+            self._follow_port = FollowPort(ports["follow"], run=self._run)
         if self._allowed is not None:
-            self._doorkeeper = Doorkeeper(ports["doorkeeper"], self._allowed)
+            self._authenticator = ZapAuthenticator(ports["authenticator"], self._allowed)
 
     def _serve(self) -> None:
         linger_ms = 0
         try:
-            self._rounds.serve(lambda: self._stopping)
-            linger_ms = _LAST_WORDS_MS
-        except BaseException as problem:
-            self._failure = problem
+            self._io_loop.serve(lambda: self._stopping)
+            linger_ms = _CLOSE_LINGER_MS
+        except BaseException as error:
+            self._failure = error
             raise
         finally:
             self._ports.close(linger_ms)
-            self._errands.close()
-            self._inbox.close()
+            self._call_queue.close()
+            self._inbound_queue.close()
 
     def _forget(self, device: str) -> None:
-        self._sensors.speakers.forget(device)
+        self._sensors.device_sessions.forget(device)
         self._positions.forget(device)
 
-    def _told(self, what: str, args: Mapping[str, Any]) -> Any:
-        if what != "subscribe-info":
+    def _describe_request(self, what: str, args: Mapping[str, Any]) -> Any:
+        if what != "subscribe_info":
             return self._describe(what, args)
         return {
             "run": self._run,
@@ -270,11 +267,11 @@ class Hub:
         }
 
     def _key_counters(self) -> dict[str, Any]:
-        if self._allowed is None or self._doorkeeper is None:
+        if self._allowed is None or self._authenticator is None:
             return {}
         return {
             "allowed": len(self._allowed),
-            "admitted": dict(self._doorkeeper.admitted),
-            "refused": dict(self._doorkeeper.refused),
-            "problem": self._allowed.problem,
+            "admitted": dict(self._authenticator.admitted),
+            "refused": dict(self._authenticator.refused),
+            "allow_list_error": self._allowed.error,
         }

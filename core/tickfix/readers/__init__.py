@@ -1,1 +1,1 @@
-"""Readers of recorded formats: files in, events with their measured and logged times out."""
+"""Readers of recorded formats: from files to events with measured and logged times."""

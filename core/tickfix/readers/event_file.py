@@ -14,11 +14,11 @@ from typing import Any, ClassVar, Final
 import msgpack
 
 from tickfix.api import Event, Floor, ReaderError, Recording, Truth
-from tickfix.readers.rejects import Rejects
+from tickfix.readers.input_files import RejectCounter
 from tickfix.wire import WireError, decode_event, encode_event
 
-SUFFIX: Final = ".events"
-_LARGEST: Final = 16 * 2**20
+EVENT_FILE_SUFFIX: Final = ".events"
+_MAX_EVENT_BYTES: Final = 16 * 2**20
 
 
 class EventFileReader:
@@ -30,8 +30,8 @@ class EventFileReader:
     def recordings(self, path: Path) -> Sequence[Path]:
         """Return the event files at ``path``, a file or a folder, sorted by path."""
         if path.is_file():
-            return [path] if path.suffix == SUFFIX else []
-        return sorted(file for file in path.rglob(f"*{SUFFIX}") if file.is_file())
+            return [path] if path.suffix == EVENT_FILE_SUFFIX else []
+        return sorted(file for file in path.rglob(f"*{EVENT_FILE_SUFFIX}") if file.is_file())
 
     def read(self, path: Path) -> Recording:
         """Read one walk; events that cannot be understood are counted in ``rejected``, and so is a broken end.
@@ -39,12 +39,12 @@ class EventFileReader:
         Raises:
             ReaderError: when the file cannot be opened, or holds nothing that could be used.
         """
-        rejects, events = Rejects(), []
+        rejects, events = RejectCounter(), []
         try:
             data = path.read_bytes()
         except OSError as error:
             raise ReaderError(f"{path}: {error.strerror or error}") from error
-        for number, body in enumerate(_bodies(data, rejects), 1):
+        for number, body in enumerate(_event_bodies(data, rejects), 1):
             try:
                 events.append(decode_event(body))
             except WireError as error:
@@ -53,7 +53,7 @@ class EventFileReader:
             raise ReaderError(f"{path}: found {len(data)} bytes without an event; expected what a live run took in")
         floors = {event.floor for event in events if isinstance(event, Truth)}
         return Recording(
-            name=path.name.removesuffix(SUFFIX),
+            name=path.name.removesuffix(EVENT_FILE_SUFFIX),
             floor=floors.pop() if len(floors) == 1 else "",
             events=tuple(events),
             rejected=MappingProxyType(rejects.counts),
@@ -77,8 +77,8 @@ def write_events(path: Path, events: Iterable[Event]) -> None:
             file.write(msgpack.packb(encode_event(event), use_bin_type=True))
 
 
-def _bodies(data: bytes, rejects: Rejects) -> Iterable[bytes]:
-    unpacker: Any = msgpack.Unpacker(max_buffer_size=max(len(data), 1), max_bin_len=_LARGEST)
+def _event_bodies(data: bytes, rejects: RejectCounter) -> Iterable[bytes]:
+    unpacker: Any = msgpack.Unpacker(max_buffer_size=max(len(data), 1), max_bin_len=_MAX_EVENT_BYTES)
     unpacker.feed(data)
     number = 0
     try:

@@ -1,4 +1,4 @@
-"""The readers that come with tickfix, offered like anyone's plugin."""
+"""The plugin hook that registers the readers of tickfix."""
 
 from __future__ import annotations
 

@@ -4,44 +4,44 @@ It is what the demo and the tests run on, and the base of twins of real sites: d
 settings, walk routes. Everything is drawn from the generator passed in; the same seed gives the same bytes.
 """
 
-from tickfix.simulation.building import Building, build, office_building, place_access_points
-from tickfix.simulation.campaign import simulate_survey, simulate_walks
-from tickfix.simulation.demo import Demo, demo, demo_building
-from tickfix.simulation.magnetism import MagneticField, Magnetism
-from tickfix.simulation.people import Hold, Walker, draw_walker
-from tickfix.simulation.phone import Phone, draw_phone, perfect_phone
-from tickfix.simulation.plans import declare_floor, office_floor, rectangle, wall, walls_around
-from tickfix.simulation.radio import AccessPoint, Propagation, Radio
-from tickfix.simulation.recording import START_NS, Logging, SimulatedWalk, simulate_walk
-from tickfix.simulation.routes import Route, random_route, route_through, survey_routes
-from tickfix.simulation.scanning import Heard, Receiver, draw_receiver
-from tickfix.simulation.standing import simulate_stand
-from tickfix.simulation.walkable import Walkable, walkable
-from tickfix.simulation.walker import Steps, Trajectory, walk
+from tickfix.simulation.building import Building, assemble_building, office_building, place_access_points
+from tickfix.simulation.campaign import DemoScenario, demo_building, simulate_demo, simulate_survey, simulate_walks
+from tickfix.simulation.fields import MagneticField, Magnetism
+from tickfix.simulation.floor_plans import declare_floor, office_floor, rectangle, wall, walls_around
+from tickfix.simulation.pedestrian import PhoneHold, Trajectory, TrueSteps, Walker, draw_walker, walk_route
+from tickfix.simulation.phone_sensors import Phone, draw_phone, perfect_phone
+from tickfix.simulation.radio_channel import AccessPoint, Propagation, Radio, Receiver, SimulatedScan, draw_receiver
+from tickfix.simulation.routes import Route, WalkableGrid, random_route, route_through, survey_routes, walkable_grid
+from tickfix.simulation.walk_recording import (
+    START_NS,
+    LoggingSettings,
+    SimulatedWalk,
+    simulate_stationary_scans,
+    simulate_walk,
+)
 
 __all__ = [
     "START_NS",
     "AccessPoint",
     "Building",
-    "Demo",
-    "Heard",
-    "Hold",
-    "Logging",
+    "DemoScenario",
+    "LoggingSettings",
     "MagneticField",
     "Magnetism",
     "Phone",
+    "PhoneHold",
     "Propagation",
     "Radio",
     "Receiver",
     "Route",
+    "SimulatedScan",
     "SimulatedWalk",
-    "Steps",
     "Trajectory",
-    "Walkable",
+    "TrueSteps",
+    "WalkableGrid",
     "Walker",
-    "build",
+    "assemble_building",
     "declare_floor",
-    "demo",
     "demo_building",
     "draw_phone",
     "draw_receiver",
@@ -53,13 +53,14 @@ __all__ = [
     "random_route",
     "rectangle",
     "route_through",
-    "simulate_stand",
+    "simulate_demo",
+    "simulate_stationary_scans",
     "simulate_survey",
     "simulate_walk",
     "simulate_walks",
     "survey_routes",
-    "walk",
-    "walkable",
+    "walk_route",
+    "walkable_grid",
     "wall",
     "walls_around",
 ]

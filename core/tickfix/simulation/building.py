@@ -1,4 +1,4 @@
-"""A building: its floors, its access points and its magnetic field, the same for all who walk in it."""
+"""A building: its floors, access points and magnetic field, the same for all who walk in it."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tickfix.api import Floor, Rng
-from tickfix.simulation.magnetism import MagneticField, Magnetism, draw_magnetic_field
-from tickfix.simulation.plans import office_floor
-from tickfix.simulation.radio import AccessPoint, Propagation, Radio, draw_radio
+from tickfix.simulation.fields import MagneticField, Magnetism, draw_magnetic_field
+from tickfix.simulation.floor_plans import office_floor
+from tickfix.simulation.radio_channel import AccessPoint, Propagation, Radio, draw_radio
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class Building:
         raise ValueError(f"floor: found {name!r}, expected one of {', '.join(floor.name for floor in self.floors)}")
 
 
-def build(
+def assemble_building(
     floors: Sequence[Floor],
     access_points: Sequence[AccessPoint],
     rng: Rng,
@@ -107,4 +107,4 @@ def office_building(
         for i in range(storeys)
     ]
     points = [p for i, f in enumerate(floors) for p in place_access_points(f, access_points, floor_rngs[i])]
-    return build(floors, points, rng, propagation=propagation, magnetism=magnetism)
+    return assemble_building(floors, points, rng, propagation=propagation, magnetism=magnetism)

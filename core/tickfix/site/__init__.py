@@ -1,1 +1,1 @@
-"""Sites: floors, radio map and trained models of a building, and the folder that keeps them."""
+"""Sites: floors, radio map and trained models of a building, how a survey makes one, and the folder that stores it."""

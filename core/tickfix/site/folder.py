@@ -1,14 +1,9 @@
-"""A site on disk: a folder of JSON, GeoJSON and arrays, no pickles.
+"""Loads and saves a site as a folder of JSON, GeoJSON and arrays without pickles.
 
-::
-
-    site.json              name, floors, held-out walks, models, what the survey counted
-    floors/F1.geojson      geometry in metres, see :mod:`tickfix.site.floor_file`
-    radio_map.npz          the fields of :class:`tickfix.api.RadioMap`
-    survey_tracks.npz      walk, floor, chain per track; its points from ``start`` on in t_ns, xy
-    models/KEY.npz         trained models
-
-Equal sites give equal bytes.
+Equal sites give equal bytes. ``site.json`` has name, floors, held-out walks, models and the survey's counts;
+``floors/F1.geojson`` the geometry in metres; ``radio_map.npz`` the fields of :class:`tickfix.api.RadioMap`;
+``survey_tracks.npz`` walk, floor and chain per track and its points from ``start`` on in t_ns, xy; ``models/KEY.npz``
+the trained models. For the data files see :mod:`tickfix.site.data_files`.
 """
 
 from __future__ import annotations
@@ -16,30 +11,120 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
+from typing import Final
 from urllib.parse import quote
+
+import msgspec
 
 import tickfix
 from tickfix.api import SiteError
-from tickfix.site.arrays_file import load_arrays, save_arrays
-from tickfix.site.floor_file import load_floor, save_floor
-from tickfix.site.manifest import (
-    FORMAT,
-    FloorEntry,
-    HeldOutEntry,
-    Manifest,
-    ModelEntry,
-    is_site,
-    load_manifest,
-    save_manifest,
+from tickfix.site.data_files import (
+    load_arrays,
+    load_floor,
+    load_radio_map,
+    load_survey_tracks,
+    save_arrays,
+    save_floor,
+    save_radio_map,
+    save_survey_tracks,
 )
-from tickfix.site.site import HeldOut, Site
-from tickfix.site.tables import load_radio_map, load_tracks, save_radio_map, save_tracks
+from tickfix.site.site import HeldOutWalk, Site
+
+SITE_FORMAT: Final = 1
+"""Version of the folder's layout; changes when an older tickfix could no longer read it."""
+
+MANIFEST_FILE: Final = "site.json"
+
+
+class FloorEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A floor; ``file`` is its GeoJSON relative to the site."""
+
+    name: str
+    level: int
+    width_m: float
+    height_m: float
+    file: str
+
+
+class HeldOutEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A held-out walk; the relative path counts from the site folder and is tried first."""
+
+    walk: str
+    floor: str
+    chain: str
+    path: str | None
+    relative_path: str | None
+    sha256: str
+
+
+class ModelEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """A trained model; ``file`` is relative to the site."""
+
+    key: str
+    file: str
+
+
+class SiteManifest(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole of ``site.json``."""
+
+    format: int
+    tickfix: str
+    name: str
+    floors: list[FloorEntry]
+    held_out: list[HeldOutEntry]
+    models: list[ModelEntry]
+    notes: dict[str, int]
+
+
+class _FormatHeader(msgspec.Struct, frozen=True):
+    format: int
+    tickfix: str = "an unknown version"
+
+
+def save_manifest(folder: Path, manifest: SiteManifest) -> None:
+    """Write ``site.json`` into ``folder``."""
+    (folder / MANIFEST_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(manifest), indent=2) + b"\n")
+
+
+def load_manifest(folder: Path) -> SiteManifest:
+    """Read ``site.json`` of ``folder``.
+
+    Raises:
+        SiteError: when it is missing, of another format, or not what it should be.
+    """
+    path = folder / MANIFEST_FILE
+    try:
+        data = path.read_bytes()
+    except OSError:
+        raise SiteError(
+            f"{folder}: found no {MANIFEST_FILE}, so this is no site; make one with `tickfix survey`"
+        ) from None
+    try:
+        found = msgspec.json.decode(data, type=_FormatHeader)
+        if found.format != SITE_FORMAT:
+            raise SiteError(
+                f"{path}: found format {found.format} (written by tickfix {found.tickfix}), expected {SITE_FORMAT}; "
+                "survey again with this version of tickfix"
+            )
+        return msgspec.json.decode(data, type=SiteManifest)
+    except (msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raise SiteError(f"{path}: {error}; undo the last edit or survey again") from error
+
+
+def is_site(folder: Path) -> bool:
+    """Tell whether ``folder`` is a site of any format."""
+    try:
+        msgspec.json.decode((folder / MANIFEST_FILE).read_bytes(), type=_FormatHeader)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
+        return False
+    return True
+
 
 _RADIO_MAP = "radio_map.npz"
 _TRACKS = "survey_tracks.npz"
 
 
-def save(site: Site, path: Path) -> None:
+def save_site(site: Site, path: Path) -> None:
     """Write ``site`` to the folder ``path``, as a whole or not at all; a site that was there is replaced.
 
     Raises:
@@ -52,7 +137,7 @@ def save(site: Site, path: Path) -> None:
     old = path.with_name(f".{path.name}.{os.getpid()}.old")
     try:
         draft.mkdir(parents=True)
-        _write(site, draft, path)
+        _write_files(site, draft, path)
         if path.exists():
             path.rename(old)
         draft.rename(path)
@@ -65,7 +150,7 @@ def save(site: Site, path: Path) -> None:
         shutil.rmtree(old, ignore_errors=True)
 
 
-def load(path: Path) -> Site:
+def load_site(path: Path) -> Site:
     """Read the site in the folder ``path``.
 
     Raises:
@@ -80,14 +165,14 @@ def load(path: Path) -> Site:
             for f in manifest.floors
         ),
         radio_map=load_radio_map(path / _RADIO_MAP),
-        survey_tracks=load_tracks(path / _TRACKS),
-        held_out=tuple(_held_out(entry, path) for entry in manifest.held_out),
+        survey_tracks=load_survey_tracks(path / _TRACKS),
+        held_out=tuple(_held_out_from_entry(entry, path) for entry in manifest.held_out),
         models={entry.key: load_arrays(path / entry.file) for entry in manifest.models},
         notes=manifest.notes,
     )
 
 
-def _write(site: Site, folder: Path, final: Path) -> None:
+def _write_files(site: Site, folder: Path, final: Path) -> None:
     floors = [
         FloorEntry(
             name=floor.name,
@@ -106,9 +191,9 @@ def _write(site: Site, folder: Path, final: Path) -> None:
     for model in models:
         save_arrays(folder / model.file, site.models[model.key])
     save_radio_map(folder / _RADIO_MAP, site.radio_map)
-    save_tracks(folder / _TRACKS, site.survey_tracks)
-    manifest = Manifest(
-        format=FORMAT,
+    save_survey_tracks(folder / _TRACKS, site.survey_tracks)
+    manifest = SiteManifest(
+        format=SITE_FORMAT,
         tickfix=tickfix.__version__,
         name=site.name,
         floors=floors,
@@ -123,7 +208,7 @@ def _file_name(name: str) -> str:
     return quote(name, safe=" ") or "%"
 
 
-def _held_out_entry(held_out: HeldOut, site: Path) -> HeldOutEntry:
+def _held_out_entry(held_out: HeldOutWalk, site: Path) -> HeldOutEntry:
     path = held_out.path
     return HeldOutEntry(
         walk=held_out.walk,
@@ -135,11 +220,11 @@ def _held_out_entry(held_out: HeldOut, site: Path) -> HeldOutEntry:
     )
 
 
-def _held_out(entry: HeldOutEntry, site: Path) -> HeldOut:
+def _held_out_from_entry(entry: HeldOutEntry, site: Path) -> HeldOutWalk:
     candidates = [Path(os.path.normpath(site / entry.relative_path))] if entry.relative_path is not None else []
     candidates += [Path(entry.path)] if entry.path is not None else []
     there = [path for path in candidates if path.is_file()] or candidates[-1:]
-    return HeldOut(
+    return HeldOutWalk(
         walk=entry.walk,
         floor=entry.floor,
         chain=entry.chain,

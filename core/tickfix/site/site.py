@@ -1,4 +1,4 @@
-"""The site: all that tickfix knows about a building."""
+"""The site as a value: floors, radio map, survey tracks, held-out walks and trained models."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SurveyTrack:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
+class HeldOutWalk:
     """A walk kept out of the survey, to be tested on.
 
     Attributes:
@@ -62,7 +62,7 @@ class HeldOut:
             raise SiteError(f"held-out walk {self.walk}: it was simulated and has no file")
         if not self.path.is_file():
             raise SiteError(f"held-out walk {self.walk}: {self.path} is gone; put it back or survey again")
-        if digest_of(self.path) != self.sha256:
+        if file_sha256(self.path) != self.sha256:
             raise SiteError(f"held-out walk {self.walk}: {self.path} has changed since the survey; survey again")
         return self.path
 
@@ -85,7 +85,7 @@ class Site:
     floors: tuple[Floor, ...]
     radio_map: RadioMap
     survey_tracks: tuple[SurveyTrack, ...] = ()
-    held_out: tuple[HeldOut, ...] = ()
+    held_out: tuple[HeldOutWalk, ...] = ()
     models: Mapping[str, Mapping[str, NDArray[Any]]] = field(default_factory=lambda: MappingProxyType({}))
     notes: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
 
@@ -118,6 +118,6 @@ class Site:
         raise SiteError(f"site {self.name!r}: found no floor {name!r}; it has {known}")
 
 
-def digest_of(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file as hexadecimal digits."""
     return sha256(path.read_bytes()).hexdigest()

@@ -13,12 +13,11 @@ Every check is a test method whose message says what was found and what to mend.
 (:mod:`tickfix.testing.world`) is there for your own tests too.
 """
 
-from tickfix.testing.calls import ContractError
-from tickfix.testing.contract import AlgorithmContract
-from tickfix.testing.filters import FilterContract
-from tickfix.testing.fingerprints import FingerprintContract
-from tickfix.testing.maps import MapContract
-from tickfix.testing.pdrs import PdrContract
+from tickfix.testing.contract import AlgorithmContract, ContractError
+from tickfix.testing.filter_contract import FilterContract
+from tickfix.testing.fingerprint_contract import FingerprintContract
+from tickfix.testing.map_contract import MapContract
+from tickfix.testing.pdr_contract import PdrContract
 
 __all__ = [
     "AlgorithmContract",

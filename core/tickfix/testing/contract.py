@@ -1,24 +1,139 @@
-"""What all kinds of algorithms must keep, as checks with names."""
+"""What all kinds of algorithms must keep, as checks with names; and the guarded call through which every check
+goes: it forbids clocks and global random number generators, and turns what is raised into a failed check."""
 
 from __future__ import annotations
 
 import dataclasses
+import os
+import random
 import re
+import sys
+import time
 import typing
+import uuid
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, ClassVar
+from contextlib import ExitStack, contextmanager
+from typing import Any, ClassVar, TypeVar
+from unittest.mock import patch
 
 import msgspec
 import numpy as np
 
-from tickfix.api import Context, Trained, pack, unpack
-from tickfix.api.checks import check_class
+from tickfix.api import Context, TrainedModel, pack, unpack
+from tickfix.api.hooks import check_algorithm_class
 from tickfix.kernel.stages import has_nan
 from tickfix.testing import world
-from tickfix.testing.calls import ContractError, pure, require, told
-from tickfix.testing.sealed import forbidden_names
 
-_QUANTITIES = re.compile(r"_(m|s|ns|ms|rad|deg|hz|dbm|db|mps|hpa|ut)$")
+_CLOCK_FUNCTIONS = ("time", "time_ns", "monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns", "process_time")
+_FORBIDDEN_FUNCTIONS: tuple[tuple[Any, str, tuple[str, ...]], ...] = (
+    (time, "time", (*_CLOCK_FUNCTIONS, "sleep")),
+    (uuid, "uuid", ("uuid1", "uuid4")),
+    (os, "os", ("urandom",)),
+    (random, "random", ("random", "uniform", "gauss", "randint", "choice", "shuffle", "seed")),
+    (
+        np.random,
+        "numpy.random",
+        ("rand", "randn", "random", "normal", "uniform", "choice", "randint", "standard_normal", "seed", "shuffle"),
+    ),
+)
+
+
+class ForbiddenCallError(Exception):
+    """An algorithm asked the world for something that a pure function may not ask for."""
+
+
+@contextmanager
+def forbid_outside_calls() -> Iterator[None]:
+    """Let every call to a clock, or to a source of random numbers other than the one given, raise."""
+    with ExitStack() as stack:
+        for module, label, names in _FORBIDDEN_FUNCTIONS:
+            for name in names:
+                stack.enter_context(patch.object(module, name, _raising(f"{label}.{name}")))
+        stack.enter_context(patch.object(np.random, "default_rng", _seeded_only(np.random.default_rng)))
+        yield
+
+
+def forbidden_names(cls: type[Any]) -> list[str]:
+    """Return what a class's module imported by name, as ``from time import …``: :func:`sealed` cannot refuse that."""
+    module = sys.modules.get(cls.__module__)
+    known = {
+        id(getattr(source, name)): f"{label}.{name}" for source, label, names in _FORBIDDEN_FUNCTIONS for name in names
+    }
+    values = [] if module is None else list(vars(module).values())
+    return sorted({known[id(value)] for value in values if id(value) in known})
+
+
+def _raising(name: str) -> Callable[..., Any]:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise ForbiddenCallError(name)
+
+    return refuse
+
+
+def _seeded_only(default_rng: Callable[..., Any]) -> Callable[..., Any]:
+    def make(seed: Any = None) -> Any:
+        if seed is None:
+            raise ForbiddenCallError("numpy.random.default_rng()")
+        return default_rng(seed)
+
+    return make
+
+
+T = TypeVar("T")
+
+
+class ContractError(AssertionError):
+    """A check that failed; its text says what was found and what to mend."""
+
+
+def require(condition: object, message: str) -> None:
+    """Fail with ``message`` unless ``condition`` holds."""
+    if not condition:
+        raise ContractError(message)
+
+
+def require_step_pair(returned: Any, kind: type[T]) -> tuple[Any, T]:
+    """Return what a ``step`` returned: the next state, and a ``kind``.
+
+    Raises:
+        ContractError: for anything else.
+    """
+    if not (isinstance(returned, tuple) and len(returned) == 2 and isinstance(returned[1], kind)):
+        raise ContractError(f"step returned {type(returned).__name__}, expected (state, {kind.__name__})")
+    pair: tuple[Any, T] = returned
+    return pair
+
+
+@contextmanager
+def as_contract_error(what: str) -> Iterator[None]:
+    """Say during which call something was raised."""
+    try:
+        yield
+    except ContractError:
+        raise
+    except ForbiddenCallError as error:
+        raise ContractError(
+            f"{what} called {error}. Take times from the data and numbers from the rng given"
+        ) from error
+    except ValueError as error:
+        if "read-only" in str(error):
+            raise ContractError(f"{what} writes into an array it was given. Make a copy, and change that") from error
+        raise ContractError(f"{what} raised ValueError: {error}") from error
+    except Exception as error:
+        raise ContractError(f"{what} raised {type(error).__name__}: {error}") from error
+
+
+@contextmanager
+def pure_call(what: str) -> Iterator[None]:
+    """As :func:`told`, in a room without clocks and dice."""
+    before = np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002 - the very thing
+    with as_contract_error(what), forbid_outside_calls():
+        yield
+    after = np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002
+    require(before == after, f"{what} drew from numpy's global generator. Draw from the rng given")
+
+
+_UNIT_SUFFIX = re.compile(r"_(m|s|ns|ms|rad|deg|hz|dbm|db|mps|hpa|ut)$")
 
 
 class AlgorithmContract:
@@ -32,12 +147,12 @@ class AlgorithmContract:
 
     algorithm: ClassVar[type[Any]]
     params: ClassVar[Mapping[str, Any]] = {}
-    trained: ClassVar[Trained | None] = None
+    trained: ClassVar[TrainedModel | None] = None
 
     def make(self, context: Context | None = None) -> Any:
         """Build the algorithm for the kit's world."""
         context = self.context() if context is None else context
-        with told(f"{self.algorithm.__name__}(params, context, trained)"):
+        with as_contract_error(f"{self.algorithm.__name__}(params, context, trained)"):
             return self.algorithm(self.algorithm.Params(**self.params), context, self.trained)
 
     def context(self) -> Context:
@@ -47,7 +162,7 @@ class AlgorithmContract:
     def test_the_class_is_accepted_by_registration(self) -> None:
         """Tickfix asks the same when it starts; what fails here would be left out there."""
         try:
-            check_class(self.algorithm)
+            check_algorithm_class(self.algorithm)
         except ValueError as error:
             raise ContractError(f"tickfix would leave this class out: {error}") from error
 
@@ -67,7 +182,7 @@ class AlgorithmContract:
             )
             extra = (meta.extra or {}) if meta is not None else {}
             require(
-                extra.get("unit") or not _QUANTITIES.search(name),
+                extra.get("unit") or not _UNIT_SUFFIX.search(name),
                 f"{where} looks like a quantity and has no unit. Add unit='…' to its parameter()",
             )
 
@@ -94,10 +209,10 @@ class AlgorithmContract:
             require(not unknown, f"{where} sets {', '.join(unknown)}, which Params does not have")
             for key, value in preset.values.items():
                 self._check_value(key, value, where)
-            with told(f"building with {where}"):
+            with as_contract_error(f"building with {where}"):
                 self.algorithm(self.algorithm.Params(**preset.values), self.context(), self.trained)
 
-    def test_nothing_is_imported_that_tells_the_time_or_throws_dice(self) -> None:
+    def test_nothing_is_imported_that_tells_the_time_or_draws_random_numbers(self) -> None:
         """Results must depend on what was measured only, so that a replay gives the same bits."""
         found = forbidden_names(self.algorithm)
         module = self.algorithm.__module__
@@ -105,11 +220,11 @@ class AlgorithmContract:
 
     def test_training_gives_arrays_that_the_algorithm_can_be_built_with(self) -> None:
         """Asked only of an algorithm with a ``train``: named arrays without objects, the same from the same survey."""
-        train: Callable[..., Trained] | None = getattr(self.algorithm, "train", None)
+        train: Callable[..., TrainedModel] | None = getattr(self.algorithm, "train", None)
         if train is None:
             return
         params, survey = self.algorithm.Params(**self.params), world.survey()
-        with pure("train"):
+        with pure_call("train"):
             first, second = (train(params, survey, world.rng(9)) for _ in range(2))
         for name, array in first.items():
             what = f"train returned {name!r}"
@@ -119,7 +234,7 @@ class AlgorithmContract:
             )
             same = name in second and array.tobytes() == second[name].tobytes()
             require(same, f"{what}, another one each time. Draw from the rng given only")
-        with told("building with what train returned"):
+        with as_contract_error("building with what train returned"):
             self.algorithm(params, self.context(), first)
 
     def _metas(self) -> dict[str, msgspec.Meta | None]:

@@ -3,62 +3,77 @@
 Versioned apart from the package: :data:`VERSION` is the protocol's. Nothing here does I/O.
 """
 
-from tickfix.wire.decoding import decode_message, unknown_fields
-from tickfix.wire.errors import WireError
-from tickfix.wire.estimates import decode_estimate, encode_estimate
-from tickfix.wire.events import check_sent, decode_event, encode_event, from_event, to_event, unknown_sensors
-from tickfix.wire.limits import MessageLimits
-from tickfix.wire.messages import OLDEST_VERSION, VERSION, Bye, Hello, Message
-from tickfix.wire.replies import (
-    REQUESTS,
-    Ack,
-    Envelope,
-    Error,
+from tickfix.wire.engine_messages import (
+    CONTROL_REQUESTS,
+    AckReply,
+    ControlReply,
+    ControlRequest,
+    ErrorReply,
     FollowEnvelope,
-    Heartbeat,
-    Reply,
-    Request,
-    Welcome,
+    HeartbeatMessage,
+    PublicationEnvelope,
+    WelcomeReply,
     decode_request,
-    encode,
-    error_for,
+    encode_engine_message,
+    error_reply,
 )
-from tickfix.wire.topics import HEARTBEAT, Family, Topic, parse_topic, segment, stream_topics
+from tickfix.wire.estimate_codec import (
+    HEARTBEAT_TOPIC,
+    Topic,
+    TopicFamily,
+    decode_estimate,
+    encode_estimate,
+    parse_topic,
+    stream_topics,
+    topic_segment,
+)
+from tickfix.wire.event_codec import (
+    check_received_event,
+    decode_event,
+    decode_message,
+    encode_event,
+    event_to_message,
+    message_to_event,
+    unknown_fields,
+    unknown_sensors,
+)
+from tickfix.wire.sensor_messages import OLDEST_VERSION, VERSION, Bye, DeviceMessage, Hello, MessageLimits
+from tickfix.wire.validation import WireError
 
 __all__ = [
-    "HEARTBEAT",
+    "CONTROL_REQUESTS",
+    "HEARTBEAT_TOPIC",
     "OLDEST_VERSION",
-    "REQUESTS",
     "VERSION",
-    "Ack",
+    "AckReply",
     "Bye",
-    "Envelope",
-    "Error",
-    "Family",
+    "ControlReply",
+    "ControlRequest",
+    "DeviceMessage",
+    "ErrorReply",
     "FollowEnvelope",
-    "Heartbeat",
+    "HeartbeatMessage",
     "Hello",
-    "Message",
     "MessageLimits",
-    "Reply",
-    "Request",
+    "PublicationEnvelope",
     "Topic",
-    "Welcome",
+    "TopicFamily",
+    "WelcomeReply",
     "WireError",
-    "check_sent",
+    "check_received_event",
     "decode_estimate",
     "decode_event",
     "decode_message",
     "decode_request",
-    "encode",
+    "encode_engine_message",
     "encode_estimate",
     "encode_event",
-    "error_for",
-    "from_event",
+    "error_reply",
+    "event_to_message",
+    "message_to_event",
     "parse_topic",
-    "segment",
     "stream_topics",
-    "to_event",
+    "topic_segment",
     "unknown_fields",
     "unknown_sensors",
 ]

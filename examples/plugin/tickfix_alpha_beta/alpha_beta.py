@@ -1,6 +1,6 @@
 """Filter ``alpha-beta``: position and velocity, corrected by a fixed share of what each fix surprises with.
 
-Source: [benedict1962] Benedict and Bordner, "Synthesis of an optimal set of radar track-while-scan smoothing
+RecordingFile: [benedict1962] Benedict and Bordner, "Synthesis of an optimal set of radar track-while-scan smoothing
 equations", IRE Transactions on Automatic Control 7 (1962).
 """
 

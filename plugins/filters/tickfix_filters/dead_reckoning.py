@@ -6,18 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tickfix.api import (
-    Belief,
-    Fix,
-    Floats,
-    Motion,
-    NoParams,
-    PredictUpdateFilter,
-    Report,
-    Rng,
-    displacement,
-    wrap_rad,
-)
+from tickfix.api import Belief, Fix, Floats, Motion, NoParams, PredictUpdateFilter, Report, Rng, displacement, wrap_rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +21,7 @@ class Reckoned:
     xy: Floats
     start_covariance: Floats
     white_covariance: Floats
-    way: Floats
+    net_displacement: Floats
     scale_sigma: float = 0.0
     bias_sigma_rad: float = 0.0
     heading_rad: float = 0.0
@@ -63,7 +52,7 @@ class DeadReckoning(PredictUpdateFilter[NoParams, Reckoned]):
         return replace(
             state,
             xy=state.xy + step,
-            way=state.way + step,
+            net_displacement=state.net_displacement + step,
             white_covariance=state.white_covariance + white,
             scale_sigma=motion.distance_scale_sigma,
             bias_sigma_rad=motion.heading_bias_sigma_rad if motion.heading_rad is not None else np.pi,
@@ -78,9 +67,9 @@ class DeadReckoning(PredictUpdateFilter[NoParams, Reckoned]):
 
     def estimate(self, state: Reckoned) -> Belief:
         """Say where the steps have led."""
-        turned = np.array([state.way[1], -state.way[0]])
+        turned = np.array([state.net_displacement[1], -state.net_displacement[0]])
         covariance = state.start_covariance + state.white_covariance
-        covariance = covariance + state.scale_sigma**2 * np.outer(state.way, state.way)
+        covariance = covariance + state.scale_sigma**2 * np.outer(state.net_displacement, state.net_displacement)
         covariance = covariance + min(state.bias_sigma_rad, 1.0) ** 2 * np.outer(turned, turned)
         return Belief(
             floor=state.floor,

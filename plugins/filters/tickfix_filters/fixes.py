@@ -1,6 +1,7 @@
 """Filter ``fixes``: where the last fix was. The Wi-Fi-only baseline of all three papers.
 
-With ``matched`` the pipeline's map corrects each fix, coming from the one before as it was corrected: the "+ Map" of
+With ``map_matching`` the pipeline's map corrects each fix, coming from the one before as it was corrected: the "+ Map"
+of
 [sun2013] Table 4.
 """
 
@@ -21,7 +22,7 @@ class FixesParams:
     speed_mps: Annotated[
         float, parameter("walking speed, by which the uncertainty grows between fixes", unit="m/s", ge=0)
     ] = 1.3
-    matched: Annotated[bool, parameter("the map corrects each fix", source="[sun2013] figure 1")] = False
+    map_matching: Annotated[bool, parameter("the map corrects each fix", source="[sun2013] figure 1")] = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class LastFix:
     floor: str
     xy: Floats
     covariance: Floats
-    walked_m: float = 0.0
+    possible_walk_m: float = 0.0
 
 
 class Fixes(PredictUpdateFilter[FixesParams, LastFix]):
@@ -44,26 +45,28 @@ class Fixes(PredictUpdateFilter[FixesParams, LastFix]):
 
     def begin(self, fix: Fix, rng: Rng) -> LastFix:  # noqa: ARG002
         """Stand at the fix."""
-        return LastFix(fix.floor, self._matched(fix, None), fix.covariance)
+        return LastFix(fix.floor, self._map_matched(fix, None), fix.covariance)
 
     def predict(self, state: LastFix, motion: Motion, rng: Rng) -> LastFix:  # noqa: ARG002
         """Stay, less surely."""
-        walked_m = self.params.speed_mps * (motion.t1_ns - motion.t0_ns) * 1e-9
-        return LastFix(state.floor, state.xy, state.covariance, state.walked_m + walked_m)
+        possible_walk_m = self.params.speed_mps * (motion.t1_ns - motion.t0_ns) * 1e-9
+        return LastFix(state.floor, state.xy, state.covariance, state.possible_walk_m + possible_walk_m)
 
     def update(self, state: LastFix, fix: Fix, rng: Rng) -> tuple[LastFix, Report]:
         """Stand at the new fix."""
         if fix.floor != state.floor:
             return self.begin(fix, rng), Report(used=1)
         innovation_m = float(np.hypot(*(fix.xy - state.xy)))
-        xy = self._matched(fix, state.xy)
+        xy = self._map_matched(fix, state.xy)
         return LastFix(fix.floor, xy, fix.covariance), Report(used=1, innovation_m=innovation_m)
 
     def estimate(self, state: LastFix) -> Belief:
         """Say where the fix was."""
-        return Belief(floor=state.floor, xy=state.xy, covariance=state.covariance + 0.5 * state.walked_m**2 * np.eye(2))
+        return Belief(
+            floor=state.floor, xy=state.xy, covariance=state.covariance + 0.5 * state.possible_walk_m**2 * np.eye(2)
+        )
 
-    def _matched(self, fix: Fix, previous: Floats | None) -> Floats:
+    def _map_matched(self, fix: Fix, previous: Floats | None) -> Floats:
         """Return U'ₙ for Uₙ, coming from U'ₙ₋₁ = ``previous``."""
-        floor_map = self.context.maps.get(fix.floor) if self.params.matched else None
+        floor_map = self.context.maps.get(fix.floor) if self.params.map_matching else None
         return fix.xy if floor_map is None else floor_map.snap(previous, fix.xy)

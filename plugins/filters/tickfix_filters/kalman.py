@@ -1,7 +1,8 @@
 """Filter ``kalman``: an extended Kalman filter that dead reckoning drives and fixes correct.
 
 State m = [x, y, b, s, u, v]: position, the bias of the heading, the relative error of the step length, and what the
-errors of fixes along x and y have in common with the last ones (:mod:`tickfix_filters.noise`). With a tick's way d at
+errors of fixes along x and y have in common with the last ones (:mod:`tickfix.toolkit.fix_errors`). With a tick's way
+d at
 heading θ:
 
     x ← x + d(1 + s)·sin(θ + b)        y ← y + d(1 + s)·cos(θ + b)        fix = [x, y] + σ·[u, v] + white
@@ -19,8 +20,7 @@ from typing import Annotated
 import numpy as np
 
 from tickfix.api import Belief, Fix, Floats, Motion, PredictUpdateFilter, Report, Rng, frozen, parameter
-from tickfix_filters.floors import OnFloor
-from tickfix_filters.noise import FixErrorParams, sigma_m
+from tickfix.toolkit.fix_errors import FixErrorParams, OnFloor, sigma_per_axis_m
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,12 @@ class KalmanParams(FixErrorParams):
 class Gaussian:
     """Mean m (6,) and covariance P (6, 6) of [x, y, b, s, u, v] in m, m, rad, 1, 1, 1."""
 
-    on: OnFloor
+    hysteresis: OnFloor
     m: Floats
     p: Floats
     heading_rad: float | None = None
     speed_mps: float = 0.0
-    walked: bool = False
+    has_moved: bool = False
 
 
 class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
@@ -54,21 +54,23 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
 
     def begin(self, fix: Fix, rng: Rng) -> Gaussian:  # noqa: ARG002
         """Start at the fix; the biases' uncertainty comes with the first motion."""
-        sigma, remembered = sigma_m(fix), self.params.remembered
-        p = np.diag([sigma**2, sigma**2, 0.0, 0.0, remembered, remembered])
-        p[[0, 1, 4, 5], [4, 5, 0, 1]] = -sigma * remembered  # the place is off by what the fix erred, the other way
+        sigma, error_correlation = sigma_per_axis_m(fix), self.params.error_correlation
+        p = np.diag([sigma**2, sigma**2, 0.0, 0.0, error_correlation, error_correlation])
+        p[[0, 1, 4, 5], [4, 5, 0, 1]] = (
+            -sigma * error_correlation
+        )  # the place is off by what the fix erred, the other way
         return Gaussian(OnFloor(fix.floor), frozen([*fix.xy, 0.0, 0.0, 0.0, 0.0]), frozen(p))
 
     def predict(self, state: Gaussian, motion: Motion, rng: Rng) -> Gaussian:  # noqa: ARG002
         """Walk the motion; [sun2013] eqs. (9) and (16)."""
         x, y, b, s, u, v = state.m.tolist()
         p = state.p
-        if not state.walked:
+        if not state.has_moved:
             p = np.array(p)
             p[2, 2], p[3, 3] = motion.heading_bias_sigma_rad**2, motion.distance_scale_sigma**2
         dt = (motion.t1_ns - motion.t0_ns) * 1e-9
         d = motion.distance_m * (1.0 + s)
-        rho = math.exp(-dt / self.params.correlation_s)
+        rho = math.exp(-dt / self.params.correlation_time_s)
         sin = cos = 0.0
         q_xx = q_yy = self.params.diffusion_m**2 * dt
         q_xy, heading = 0.0, None
@@ -82,7 +84,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
             q_xx = q_xx + along * (sin * sin) + across * (cos * cos)
             q_xy = along * (sin * cos) - across * (sin * cos)
             q_yy = q_yy + along * (cos * cos) + across * (sin * sin)
-        q_bb, q_uu = motion.turn_bias_sigma_rad**2, (1.0 - rho**2) * self.params.remembered
+        q_bb, q_uu = motion.turn_bias_sigma_rad**2, (1.0 - rho**2) * self.params.error_correlation
         f = np.array(
             [
                 [1.0, 0.0, d * cos, motion.distance_m * sin, 0.0, 0.0],
@@ -105,18 +107,18 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
         )
         m = frozen([x + d * sin, y + d * cos, b, s, rho * u, rho * v])
         p = f @ p @ f.T + q  # eq. (16)
-        return replace(state, m=m, p=_symmetric(p), heading_rad=heading, speed_mps=d / dt, walked=True)
+        return replace(state, m=m, p=_symmetric(p), heading_rad=heading, speed_mps=d / dt, has_moved=True)
 
     def update(self, state: Gaussian, fix: Fix, rng: Rng) -> tuple[Gaussian, Report]:
         """Correct by the fix; [sun2013] eqs. (10), (11) and (17)."""
-        on = state.on.observe(fix.floor)
-        if on.floor != state.on.floor:
+        hysteresis = state.hysteresis.observe(fix.floor)
+        if hysteresis.floor != state.hysteresis.floor:
             return self.begin(fix, rng), Report(used=1, reasons=("changed floor",))
-        if fix.floor != on.floor:
-            return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
-        sigma, nu = sigma_m(fix), self.params.freedom
+        if fix.floor != hysteresis.floor:
+            return replace(state, hysteresis=hysteresis), Report(gated=1, reasons=("fix on another floor",))
+        sigma, nu = sigma_per_axis_m(fix), self.params.student_t_dof
         h = np.array([[1.0, 0.0, 0.0, 0.0, sigma, 0.0], [0.0, 1.0, 0.0, 0.0, 0.0, sigma]])
-        r = (1.0 - self.params.remembered) * sigma**2 * np.eye(2)
+        r = (1.0 - self.params.error_correlation) * sigma**2 * np.eye(2)
         y = fix.xy - h @ state.m
         s = h @ state.p @ h.T + r
         nis = float(y @ np.linalg.solve(s, y))
@@ -124,13 +126,13 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
         k = np.linalg.solve(s, h @ state.p).T  # eq. (11): K = P Hᵀ S⁻¹
         m = state.m + k @ y  # eq. (17)
         p = state.p - k @ s @ k.T  # eq. (10)
-        report = Report(used=1, innovation_m=float(np.hypot(*y)), gate=nis)
-        return replace(state, on=on, m=frozen(m), p=_symmetric(p)), report
+        report = Report(used=1, innovation_m=float(np.hypot(*y)), nis=nis)
+        return replace(state, hysteresis=hysteresis, m=frozen(m), p=_symmetric(p)), report
 
     def estimate(self, state: Gaussian) -> Belief:
         """Say the mean and its covariance."""
         return Belief(
-            floor=state.on.floor,
+            floor=state.hysteresis.floor,
             xy=state.m[:2],
             covariance=state.p[:2, :2],
             speed_mps=state.speed_mps,

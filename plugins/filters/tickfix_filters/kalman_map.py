@@ -32,7 +32,7 @@ from tickfix.api import (
     heading_of,
     parameter,
 )
-from tickfix_filters.floors import OnFloor
+from tickfix.toolkit.fix_errors import OnFloor
 
 _H = np.eye(2, 4)  # eq. (17)
 
@@ -48,7 +48,7 @@ class KalmanMapParams:
         float, parameter("R per axis; 0: as the fix says", unit="m²", source="[sun2013] eq. (17)", ge=0)
     ] = 0.0
     speed_sigma_mps: Annotated[float, parameter("σ of the first v_x and v_y", unit="m/s", ge=0)] = 1.0
-    extrapolated_s: Annotated[
+    max_extrapolation_s: Annotated[
         float, parameter("between fixes, the place told moves on for at most this long", unit="s", ge=0)
     ] = 10.0
 
@@ -57,10 +57,10 @@ class KalmanMapParams:
 class Walking:
     """X (4,) = [x, y, v_x, v_y] in m and m/s and its covariance P (4, 4) at the last fix; now it is ``now_ns``."""
 
-    on: OnFloor
+    hysteresis: OnFloor
     x: Floats
     p: Floats
-    fixed_ns: int
+    last_fix_ns: int
     now_ns: int
 
 
@@ -88,11 +88,11 @@ class KalmanMap(PredictUpdateFilter[KalmanMapParams, Walking]):
 
     def update(self, state: Walking, fix: Fix, rng: Rng) -> tuple[Walking, Report]:
         """Predict to the instant of the fix, correct by the map and then by the fix."""
-        on = state.on.observe(fix.floor)
-        if on.floor != state.on.floor:
+        hysteresis = state.hysteresis.observe(fix.floor)
+        if hysteresis.floor != state.hysteresis.floor:
             return replace(self.begin(fix, rng), now_ns=state.now_ns), Report(used=1, reasons=("changed floor",))
-        if fix.floor != on.floor:
-            return replace(state, on=on), Report(gated=1, reasons=("fix on another floor",))
+        if fix.floor != hysteresis.floor:
+            return replace(state, hysteresis=hysteresis), Report(gated=1, reasons=("fix on another floor",))
         X, P = self._predicted(state, fix.t_ns)
         Z = fix.xy
         S = _H @ P @ _H.T + self._R(fix)
@@ -105,17 +105,19 @@ class KalmanMap(PredictUpdateFilter[KalmanMapParams, Walking]):
         report = Report(
             used=1,
             innovation_m=float(np.hypot(*innovation)),
-            gate=float(innovation @ np.linalg.solve(S, innovation)),
+            nis=float(innovation @ np.linalg.solve(S, innovation)),
         )
-        fixed_ns = max(state.fixed_ns, fix.t_ns)
-        return replace(state, on=on, x=frozen(X), p=frozen(0.5 * (P + P.T)), fixed_ns=fixed_ns), report
+        last_fix_ns = max(state.last_fix_ns, fix.t_ns)
+        return replace(
+            state, hysteresis=hysteresis, x=frozen(X), p=frozen(0.5 * (P + P.T)), last_fix_ns=last_fix_ns
+        ), report
 
     def estimate(self, state: Walking) -> Belief:
         """Say the prediction for now."""
-        X, P = self._predicted(state, state.now_ns, self.params.extrapolated_s)
+        X, P = self._predicted(state, state.now_ns, self.params.max_extrapolation_s)
         moving = bool(X[2:].any())
         return Belief(
-            floor=state.on.floor,
+            floor=state.hysteresis.floor,
             xy=X[:2],
             covariance=P[:2, :2],
             speed_mps=float(np.hypot(*X[2:])),
@@ -124,7 +126,7 @@ class KalmanMap(PredictUpdateFilter[KalmanMapParams, Walking]):
 
     def _predicted(self, state: Walking, t_ns: int, longest_s: float = np.inf) -> tuple[Floats, Floats]:
         """Return X' (4,) and P (4, 4) at ``t_ns``; a fix older than the last one counts as simultaneous with it."""
-        dT = max(0, t_ns - state.fixed_ns) * 1e-9
+        dT = max(0, t_ns - state.last_fix_ns) * 1e-9
         if dT == 0.0:
             return state.x, state.p
         A = np.eye(4)
@@ -133,7 +135,7 @@ class KalmanMap(PredictUpdateFilter[KalmanMapParams, Walking]):
         P = A @ state.p @ A.T + self.params.acceleration_mps2**2 * G @ G.T  # eq. (10)
         X = state.x.copy()
         X[:2] += min(dT, longest_s) * X[2:]  # eqs. (10), (13)
-        floor_map = self.context.maps.get(state.on.floor)
+        floor_map = self.context.maps.get(state.hysteresis.floor)
         if floor_map is not None:
             X[:2] = floor_map.snap(state.x[:2], X[:2])  # eqs. (12), (14)
         return X, 0.5 * (P + P.T)

@@ -22,7 +22,7 @@ from tickfix.api import (
     PredictUpdateFilter,
     Report,
     Rng,
-    Trained,
+    TrainedModel,
     frozen,
     heading_of,
     parameter,
@@ -39,7 +39,7 @@ class KalmanReckoningParams:
     acceleration_mps2: Annotated[
         float, parameter("σ of a_x and of a_y", unit="m/s²", source="[sun2013] eq. (16)", gt=0)
     ] = 0.5
-    place_sigma_m: Annotated[float, parameter("σ of a reckoned place, per axis", unit="m", gt=0)] = 0.5
+    position_sigma_m: Annotated[float, parameter("σ of a reckoned place, per axis", unit="m", gt=0)] = 0.5
     speed_sigma_mps: Annotated[float, parameter("σ of the first v_x and v_y", unit="m/s", ge=0)] = 1.0
 
 
@@ -60,14 +60,14 @@ class KalmanReckoning(PredictUpdateFilter[KalmanReckoningParams, Smoothed]):
     Params = KalmanReckoningParams
     State = Smoothed
 
-    def __init__(self, params: KalmanReckoningParams, context: Context, trained: Trained | None = None) -> None:
+    def __init__(self, params: KalmanReckoningParams, context: Context, trained: TrainedModel | None = None) -> None:
         """Take dead reckoning along."""
         super().__init__(params, context, trained)
         self._reckoning = DeadReckoning(NoParams(), context)
 
     def begin(self, fix: Fix, rng: Rng) -> Smoothed:
         """Stand at the fix, about to walk anywhere."""
-        P = np.diag([self.params.place_sigma_m**2] * 2 + [self.params.speed_sigma_mps**2] * 2)
+        P = np.diag([self.params.position_sigma_m**2] * 2 + [self.params.speed_sigma_mps**2] * 2)
         return Smoothed(self._reckoning.begin(fix, rng), frozen([*fix.xy, 0.0, 0.0]), frozen(P))
 
     def predict(self, state: Smoothed, motion: Motion, rng: Rng) -> Smoothed:
@@ -79,7 +79,7 @@ class KalmanReckoning(PredictUpdateFilter[KalmanReckoningParams, Smoothed]):
         G = np.array([[0.5 * T**2, 0.0], [0.0, 0.5 * T**2], [T, 0.0], [0.0, T]])  # eq. (16)
         X = A @ state.x
         P = A @ state.p @ A.T + self.params.acceleration_mps2**2 * G @ G.T  # eq. (10)
-        R = self.params.place_sigma_m**2 * np.eye(2)
+        R = self.params.position_sigma_m**2 * np.eye(2)
         K = np.linalg.solve(_H @ P @ _H.T + R, _H @ P).T  # eq. (11)
         I_KH = np.eye(4) - K @ _H
         # P = (I − K H) P, written so that rounding cannot cost its symmetry or sign.

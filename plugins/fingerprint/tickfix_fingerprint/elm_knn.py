@@ -1,6 +1,7 @@
 """Fingerprint ``elm-knn``: an extreme learning machine names the K points, their distances weigh them.
 
-Source: [jiang2015] section 7. The classes are the reference points, the features the RSS of the most frequent access
+RecordingFile: [jiang2015] section 7. The classes are the reference points, the features the RSS of the most frequent
+access
 points. Eq. (20) prints (n − 1) where (K − 1) makes the weights sum to one; n counts access points there.
 """
 
@@ -12,10 +13,10 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from tickfix.api import Bools, Context, Floats, Ints, Preset, RadioMap, Readings, Rng, Trained, parameter
-from tickfix_fingerprint.blocks import Blocks
-from tickfix_fingerprint.elm import hidden_layer, output_weights
-from tickfix_fingerprint.surveyed import SMALLEST, SurveyedFingerprint, SurveyedParams
+from tickfix.api import Bools, Context, Floats, Ints, Preset, RadioMap, Readings, Rng, TrainedModel, parameter
+from tickfix.toolkit.extreme_learning import classifier_output_weights, hidden_layer
+from tickfix.toolkit.surveyed_fingerprint import MIN_DISTANCE, SurveyedFingerprint, SurveyedParams
+from tickfix_fingerprint.rss_matrices import RssBlocks
 
 _UNIT_DB = 50.0  # brings the features to about 0…1, where a sigmoid is neither straight nor flat
 
@@ -61,12 +62,16 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
     }
 
     def __init__(
-        self, params: ElmKnnParams, context: Context, trained: Trained | None = None, use: Bools | None = None
+        self,
+        params: ElmKnnParams,
+        context: Context,
+        trained: TrainedModel | None = None,
+        sample_mask: Bools | None = None,
     ) -> None:
         """Average the survey over the frequent access points, and take the classifier if there is one."""
-        super().__init__(params, context, trained, use)
+        super().__init__(params, context, trained, sample_mask)
         self._index = {transmitter: i for i, transmitter in enumerate(self.radio_map.transmitters)}
-        samples = _samples(params, self.radio_map, use)
+        samples = _survey_samples(params, self.radio_map, sample_mask)
         self._xy, self._floor = samples.xy, samples.floor
         self._elm = trained if trained is not None and "beta" in trained else None
         self._frequent = _frequent(samples, params.access_points) if self._elm is None else self._elm["access_points"]
@@ -91,18 +96,18 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
         floor = int(np.bincount(floors, weights=w).argmax())
         here = floors == floor
         xy = w[here] @ self._xy[chosen[here]] / w[here].sum()
-        return self.radio_map.floors[floor], xy, max(float(dis.min()), SMALLEST)
+        return self.radio_map.floors[floor], xy, max(float(dis.min()), MIN_DISTANCE)
 
     @classmethod
-    def learn(cls, params: ElmKnnParams, radio_map: RadioMap, use: Bools, rng: Rng) -> dict[str, Any]:
+    def fit_model(cls, params: ElmKnnParams, radio_map: RadioMap, sample_mask: Bools, rng: Rng) -> dict[str, Any]:
         """Train the classifier: every survey sample of a point is an example of that point."""
-        samples = _samples(params, radio_map, use)
+        samples = _survey_samples(params, radio_map, sample_mask)
         frequent = _frequent(samples, params.access_points)
         a = rng.uniform(-1.0, 1.0, (len(frequent), params.hidden))
         b = rng.uniform(-1.0, 1.0, params.hidden)
         x = samples.by_cell[frequent].T  # sparse: a sample hears few of a building's access points
         H = hidden_layer(x / _UNIT_DB, a, b)
-        beta = output_weights(H, samples.point, len(samples.xy), params.ridge)
+        beta = classifier_output_weights(H, samples.point, len(samples.xy), params.ridge)
         return {"access_points": frequent, "a": a, "b": b, "beta": beta}
 
     def _heard(self, window: Readings) -> Floats:
@@ -118,7 +123,7 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
                 rss[i] = max(rssi_dbm - self.params.missing_dbm, 0.0)  # readings come oldest first
         return rss
 
-    def _rows(self, samples: Blocks) -> Floats:
+    def _rows(self, samples: RssBlocks) -> Floats:
         """Return the samples' features, (B, F) dB above ``missing_dbm``."""
         rows: Floats = samples.by_cell[self._frequent].toarray().T
         return rows
@@ -136,11 +141,13 @@ def weights(dis: Floats) -> Floats:
     return np.maximum(w, 0.0)
 
 
-def _samples(params: ElmKnnParams, radio_map: RadioMap, use: Bools | None) -> Blocks:
-    return Blocks(radio_map, 1, means=False, missing_dbm=params.missing_dbm, sample_s=params.sample_s, use=use)
+def _survey_samples(params: ElmKnnParams, radio_map: RadioMap, sample_mask: Bools | None) -> RssBlocks:
+    return RssBlocks(
+        radio_map, 1, means=False, missing_dbm=params.missing_dbm, sample_s=params.sample_s, sample_mask=sample_mask
+    )
 
 
-def _frequent(samples: Blocks, count: int) -> Ints:
+def _frequent(samples: RssBlocks, count: int) -> Ints:
     """Return the numbers of the ``count`` transmitters that most samples heard, the most frequent first."""
     heard = np.diff(samples.by_cell.indptr)
     order: Ints = np.argsort(-heard, kind="stable")[:count].astype(np.int64)

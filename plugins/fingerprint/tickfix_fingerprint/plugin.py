@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from tickfix.api import hookimpl
+from tickfix_fingerprint.cross_correlation import Fncc, Ncc
 from tickfix_fingerprint.elm_knn import ElmKnn
-from tickfix_fingerprint.fncc import Fncc
-from tickfix_fingerprint.knn import Knn
-from tickfix_fingerprint.ncc import Ncc
+from tickfix_fingerprint.knn import Knn, Wknn
 from tickfix_fingerprint.topology_knn import TopologyKnn
-from tickfix_fingerprint.wknn import Wknn
 
 TICKFIX_API = 1
 

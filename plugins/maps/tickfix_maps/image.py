@@ -1,13 +1,13 @@
 """Map ``image``: map matching on an image matrix, [sun2013] section 3.2.
 
-The floor is a matrix I_match: 1 where people walk, 0 building structure, −1 the walkways to which unreasonable places
-are corrected. It is made of two drawings, the plan without and the one with walkways, eqs. (7)–(8); without drawings
-the plan is rasterised from the floor's geometry, and without a drawing of walkways they are its medial axis. Of the
-paper's numbers only T_threshold is printed; how large its pixels are is not.
-
-Where the paper turns every answer into the middle of a pixel, a place that needs no correction is returned as it is.
-The walkway next to the midpoint may lie in another room than the last place. As printed, that is where one goes; by
-default it is the next one that can be reached from the last place in a straight line.
+The floor is a matrix I_match: 1 where people walk, 0 building structure, -1 the walkways to which infeasible positions
+are corrected. It is made of two drawings, the plan without and with walkways, eqs. (7)-(8); without drawings the plan
+is rasterised from the floor's geometry and the walkways are its medial axis, by [hesselink2008] Hesselink and Roerdink,
+"Euclidean skeletons of digital image and volume data in linear time by the integer medial axis transform", IEEE Trans.
+PAMI 30 (2008). Only T_threshold is printed; the pixel size is not. The paper returns the centre of a pixel always; here
+a position that needs no correction is returned unchanged. The walkway next to the midpoint may lie in another room than
+the last position: as printed, that is where one goes; by default it is the next one reachable from the last position in
+a straight line.
 """
 
 from __future__ import annotations
@@ -15,17 +15,82 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final, TypeAlias
 
 import numpy as np
 from matplotlib.image import imread
+from numpy.typing import NDArray
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from tickfix.api import BaseMap, Bools, Context, Floats, Floor, Preset, Trained, frozen, parameter
-from tickfix_maps.plan_image import Matrix, binary, grey, matching_matrix, plan, walkways
-from tickfix_maps.raster import clipped, passed
+from tickfix.api import BaseMap, Bools, Context, Floats, Floor, Preset, TrainedModel, frozen, parameter
+from tickfix_maps.raster import clip_moves, rasterise_rings, rasterise_segments, traverse_pixels
 
-_CANDIDATES: Final = 128  # walkway pixels looked at, to find one that can be reached
+MatchingMatrix: TypeAlias = NDArray[np.int8]
+
+
+def to_greyscale(image: NDArray[Any]) -> Floats:
+    """Return an image (h, w) or (h, w, 3 or 4), top row first, integers or 0 … 1, as grey 0 … 1, south row first."""
+    scale = float(np.iinfo(image.dtype).max) if image.dtype.kind in "iu" else 1.0
+    values = image.astype(np.float64) / scale
+    if values.ndim == 3:
+        values = values[..., 0] if values.shape[2] < 3 else values[..., :3] @ np.array([0.299, 0.587, 0.114])
+    return np.ascontiguousarray(values[::-1])
+
+
+def threshold_image(G: Floats, t_threshold: float) -> Bools:
+    """Return which pixels of a grey image (h, w) are light, [sun2013] eq. (7)."""
+    I: Bools = t_threshold <= G  # noqa: E741 - the paper's symbol
+    return I
+
+
+def matching_matrix(I_model: Bools, I_no_model: Bools) -> MatchingMatrix:
+    """Return I_match (h, w) of the plans with and without walkways, both 1 where it is light, [sun2013] eq. (8)."""
+    if I_model.shape != I_no_model.shape:
+        raise ValueError(f"plan with walkways: found {I_model.shape} pixels, expected {I_no_model.shape} as the plan")
+    I_match: MatchingMatrix = I_no_model.astype(np.int8) - np.int8(2) * (I_model ^ I_no_model).astype(np.int8)
+    # A walkway drawn lighter than structure it covers would give −2: there the building wins.
+    return np.where(I_no_model, I_match, np.int8(0))
+
+
+def plan(floor: Floor, origin: Floats, shape: tuple[int, int], pixel_m: float) -> tuple[Bools, Bools]:
+    """Return I_no_model (h, w) of a floor's vector geometry, south row first, from ``origin`` (2,) on, and its lines.
+
+    The lines (h, w) are walls and edges: a move crosses these, while one within an obstacle or off the floor does not.
+    """
+    outline, obstacles = ([(ring - origin) / pixel_m for ring in rings] for rings in (floor.outline, floor.obstacles))
+    free = rasterise_rings(outline, shape, union=False) if outline else np.ones(shape, dtype=np.bool_)
+    free &= ~rasterise_rings(obstacles, shape, union=True)
+    edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in (*outline, *obstacles)]
+    lines = rasterise_segments(np.concatenate([(floor.walls - origin) / pixel_m, *edges]), shape)
+    return free & ~lines, lines
+
+
+def medial_axis(free: Bools, apart: float) -> Bools:
+    """Return the medial axis (h, w) of the free pixels, [hesselink2008] eq. (2), pruned to what lies between walls.
+
+    Args:
+        free: where people walk; what lies beyond the edge is structure.
+        apart: least distance in pixels between the two nearest walls of a pixel on the axis, at least 1.
+    """
+    padded = np.pad(free, 1)
+    feature = ndimage.distance_transform_edt(padded, return_distances=False, return_indices=True).astype(np.int32)
+    axis = np.zeros(padded.shape, dtype=np.bool_)
+    here = np.indices(padded.shape, dtype=np.int32)
+    for along in (0, 1):
+        p = (slice(None),) * (along + 1) + (slice(None, -1),)
+        q = (slice(None),) * (along + 1) + (slice(1, None),)
+        between = feature[q] - feature[p]
+        far = (between**2).sum(axis=0) > apart**2
+        # Of two neighbours, the one nearer to the bisector of their walls is on the axis.
+        side = (between * (feature[p] + feature[q] - here[p] - here[q])).sum(axis=0)
+        axis[p[1:]] |= far & (side <= 0)
+        axis[q[1:]] |= far & (side >= 0)
+    found: Bools = (axis & padded)[1:-1, 1:-1]
+    return found
+
+
+_WALKWAY_CANDIDATES: Final = 128  # walkway pixels looked at, to find one that can be reached
 
 
 @dataclass(frozen=True)
@@ -38,10 +103,10 @@ class ImageParams:
     t_threshold: Annotated[
         float, parameter("T_threshold: grey from which on a drawing is light", source="[sun2013] eq. (7)", ge=0, le=1)
     ] = 0.55
-    passage_m: Annotated[
+    min_passage_width_m: Annotated[
         float, parameter("walkways that nobody drew lie between walls at least this far apart", unit="m", gt=0)
     ] = 0.6
-    beyond_walls: Annotated[
+    snap_across_walls: Annotated[
         bool, parameter("a correction may lie behind a wall, as printed", source="[sun2013] figure 1, step 5")
     ] = False
     plan: Annotated[
@@ -59,35 +124,35 @@ class Image(BaseMap[ImageParams]):
     source = "[sun2013] section 3.2, eqs. (7)–(8), figure 1"
     Params = ImageParams
     presets: ClassVar[Mapping[str, Preset]] = {
-        "sun2013": Preset(source="[sun2013] section 4.3.1", values={"t_threshold": 0.55, "beyond_walls": True})
+        "sun2013": Preset(source="[sun2013] section 4.3.1", values={"t_threshold": 0.55, "snap_across_walls": True})
     }
 
-    def __init__(self, params: ImageParams, context: Context, trained: Trained | None = None) -> None:
+    def __init__(self, params: ImageParams, context: Context, trained: TrainedModel | None = None) -> None:
         """Step 1 of the matching: create I_match of ``context.floor``."""
         super().__init__(params, context, trained)
         assert context.floor is not None  # noqa: S101 - maps are built per floor
         floor = context.floor
         self._bounded = bool(params.plan or floor.outline)
         if params.plan:
-            I_no_model = _drawing(params.plan, floor, params.t_threshold)
+            I_no_model = _read_drawing(params.plan, floor, params.t_threshold)
             self._origin, extent = np.zeros(2), np.array([floor.width_m, floor.height_m])
             if (extent <= 0).any():
                 raise ValueError(f"map 'image': floor '{floor.name}' is {extent} m large, a drawing needs its size")
             # Whatever leaves a drawing passes its edge.
             self._lines = frozen(np.pad(~I_no_model, 1, constant_values=True), np.bool_)
         else:
-            self._origin, extent = _extent(floor, params.resolution_m)
+            self._origin, extent = _drawing_extent(floor, params.resolution_m)
             columns, rows = np.ceil(extent / params.resolution_m).astype(int)
             I_no_model, lines = plan(floor, self._origin, (rows, columns), params.resolution_m)
             extent = np.array([columns, rows]) * params.resolution_m
             self._lines = frozen(np.pad(lines, 1), np.bool_)
         self._pixel_m = extent / np.maximum(I_no_model.shape[::-1], 1)
         if params.plan_with_walkways:
-            I_model = _drawing(params.plan_with_walkways, floor, params.t_threshold)
+            I_model = _read_drawing(params.plan_with_walkways, floor, params.t_threshold)
         else:
-            apart = params.passage_m / float(self._pixel_m.min(initial=np.inf)) if I_no_model.size else 1.0
-            I_model = I_no_model & ~walkways(I_no_model, max(1.0, apart)) if I_no_model.size else I_no_model
-        self.I_match: Matrix = frozen(matching_matrix(I_model, I_no_model), np.int8)
+            apart = params.min_passage_width_m / float(self._pixel_m.min(initial=np.inf)) if I_no_model.size else 1.0
+            I_model = I_no_model & ~medial_axis(I_no_model, max(1.0, apart)) if I_no_model.size else I_no_model
+        self.I_match: MatchingMatrix = frozen(matching_matrix(I_model, I_no_model), np.int8)
 
     def contains(self, xy: Floats) -> Bools:
         """Tell for each point (n, 2) whether its pixel is no structure; a floor without geometry is all free."""
@@ -104,8 +169,8 @@ class Image(BaseMap[ImageParams]):
         crossed = np.zeros(len(a), dtype=np.bool_)
         if self.I_match.size == 0:
             return crossed
-        p, q, over = clipped(self._pixels(a) + 1.0, self._pixels(b) + 1.0, self._lines.shape)
-        move, row, column = passed(p, q)
+        p, q, over = clip_moves(self._pixels(a) + 1.0, self._pixels(b) + 1.0, self._lines.shape)
+        move, row, column = traverse_pixels(p, q)
         rows, columns = self._lines.shape
         # Ends on the far edges are outside by a hair.
         crossed[over[move[self._lines[np.minimum(row, rows - 1), np.minimum(column, columns - 1)]]]] = True
@@ -114,10 +179,10 @@ class Image(BaseMap[ImageParams]):
     def nearest_free(self, xy: Floats) -> Floats:
         """Return for each point (n, 2) the middle of the nearest pixel that is free, itself where it is free."""
         blocked = ~self.contains(xy)
-        if not blocked.any() or self._shore is None:
+        if not blocked.any() or self._border_tree is None:
             return xy
         free = xy.copy()
-        free[blocked] = self._shore.data[self._shore.query(xy[blocked])[1]]
+        free[blocked] = self._border_tree.data[self._border_tree.query(xy[blocked])[1]]
         return free
 
     def snap(self, previous: Floats | None, xy: Floats) -> Floats:
@@ -129,30 +194,30 @@ class Image(BaseMap[ImageParams]):
             return U_n
         # Step 5: the walkway next to the midpoint; without a last place, next to the place itself.
         S_mid = U_n if previous is None else 0.5 * (previous + U_n)
-        if self._walkways is None:
+        if self._walkway_tree is None:
             free: Floats = self.nearest_free(S_mid[None])[0]
             return free
-        nearest = self._walkways.query(S_mid, k=min(_CANDIDATES, self._walkways.n))[1]
-        corrected: Floats = np.asarray(self._walkways.data[np.atleast_1d(nearest)])
-        if previous is not None and not self.params.beyond_walls and self.contains(previous[None])[0]:
+        nearest = self._walkway_tree.query(S_mid, k=min(_WALKWAY_CANDIDATES, self._walkway_tree.n))[1]
+        corrected: Floats = np.asarray(self._walkway_tree.data[np.atleast_1d(nearest)])
+        if previous is not None and not self.params.snap_across_walls and self.contains(previous[None])[0]:
             reachable = ~self.crosses(np.broadcast_to(previous, corrected.shape), corrected)
             corrected = corrected[reachable] if reachable.any() else previous[None]
         U_corrected: Floats = corrected[0].copy()
         return U_corrected  # step 6
 
     @cached_property
-    def _walkways(self) -> cKDTree | None:
+    def _walkway_tree(self) -> cKDTree | None:
         """The walkways' pixels, None where there are none."""
-        return self._tree(self.I_match == -1)
+        return self._kd_tree(self.I_match == -1)
 
     @cached_property
-    def _shore(self) -> cKDTree | None:
+    def _border_tree(self) -> cKDTree | None:
         """The free pixels beside structure or the edge: the nearest to any place that is not free is one of them."""
         free = np.pad(self.I_match != 0, 1, constant_values=not self._bounded)
         inner = free[2:, 1:-1] & free[:-2, 1:-1] & free[1:-1, 2:] & free[1:-1, :-2]
-        return self._tree(free[1:-1, 1:-1] & ~inner)
+        return self._kd_tree(free[1:-1, 1:-1] & ~inner)
 
-    def _tree(self, chosen: Bools) -> cKDTree | None:
+    def _kd_tree(self, chosen: Bools) -> cKDTree | None:
         row, column = np.nonzero(chosen)
         if len(row) == 0:
             return None
@@ -164,7 +229,7 @@ class Image(BaseMap[ImageParams]):
         return pixels
 
 
-def _extent(floor: Floor, margin_m: float) -> tuple[Floats, Floats]:
+def _drawing_extent(floor: Floor, margin_m: float) -> tuple[Floats, Floats]:
     """Return the south-west corner and the size, (2,) each, of a floor's drawing and all that is on it, and around."""
     points = [np.array([[0.0, 0.0], [floor.width_m, floor.height_m]]) if floor.width_m > 0 else np.zeros((0, 2))]
     points += [floor.walls.reshape(-1, 2), *floor.outline, *floor.obstacles]
@@ -175,5 +240,5 @@ def _extent(floor: Floor, margin_m: float) -> tuple[Floats, Floats]:
     return low, high - low
 
 
-def _drawing(path: str, floor: Floor, t_threshold: float) -> Bools:
-    return binary(grey(np.asarray(imread(path.replace("{floor}", floor.name)))), t_threshold)
+def _read_drawing(path: str, floor: Floor, t_threshold: float) -> Bools:
+    return threshold_image(to_greyscale(np.asarray(imread(path.replace("{floor}", floor.name)))), t_threshold)

@@ -13,10 +13,10 @@ import numpy as np
 
 from tickfix.api import Bools, Floats, Ints
 
-_NUDGE: Final = 1e-9
+_ROUNDING_PIXELS: Final = 1e-9
 
 
-def passed(a: Floats, b: Floats) -> tuple[Ints, Ints, Ints]:
+def traverse_pixels(a: Floats, b: Floats) -> tuple[Ints, Ints, Ints]:
     """Return every pixel that the moves ``a`` (n, 2) → ``b`` (n, 2) pass: move, row and column, in order of the way.
 
     The pixels of a move are connected by their edges, except where it passes exactly through a corner.
@@ -42,28 +42,28 @@ def passed(a: Floats, b: Floats) -> tuple[Ints, Ints, Ints]:
     return moves, row, column
 
 
-def clipped(a: Floats, b: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats, Ints]:
+def clip_moves(a: Floats, b: Floats, shape: tuple[int, int]) -> tuple[Floats, Floats, Ints]:
     """Return what of the moves ``a`` (n, 2) → ``b`` (n, 2) lies over a matrix, and which moves these are."""
-    way = b - a
+    delta = b - a
     limits = np.array(shape[::-1], dtype=np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.stack([-a / way, (limits - a) / way])
+        ends = np.stack([-a / delta, (limits - a) / delta])
     # A move along an axis never meets the two edges it is parallel to: it is between them all the way or never.
     between = (a >= 0.0) & (a <= limits)
-    first = np.where(way == 0.0, np.where(between, 0.0, np.inf), ends.min(axis=0)).max(axis=1, initial=0.0)
-    last = np.where(way == 0.0, np.where(between, 1.0, -np.inf), ends.max(axis=0)).min(axis=1, initial=1.0)
+    first = np.where(delta == 0.0, np.where(between, 0.0, np.inf), ends.min(axis=0)).max(axis=1, initial=0.0)
+    last = np.where(delta == 0.0, np.where(between, 1.0, -np.inf), ends.max(axis=0)).min(axis=1, initial=1.0)
     over = np.flatnonzero(first <= last)
     start, end = first[over, None], last[over, None]
     # An end that lies over the matrix stays as it is, to the bit.
-    c = np.where(start > 0.0, a[over] + start * way[over], a[over])
-    d = np.where(end < 1.0, a[over] + end * way[over], b[over])
+    c = np.where(start > 0.0, a[over] + start * delta[over], a[over])
+    d = np.where(end < 1.0, a[over] + end * delta[over], b[over])
     return c, d, over
 
 
-def drawn(segments: Floats, shape: tuple[int, int]) -> Bools:
+def rasterise_segments(segments: Floats, shape: tuple[int, int]) -> Bools:
     """Return the matrix with the pixels that ``segments`` (m, 2, 2) pass, so closed that no diagonal slips through."""
     matrix = np.zeros(shape, dtype=np.bool_)
-    which, row, column = passed(segments[:, 0], segments[:, 1])
+    which, row, column = traverse_pixels(segments[:, 0], segments[:, 1])
     skips = np.flatnonzero((which[1:] == which[:-1]) & (row[1:] != row[:-1]) & (column[1:] != column[:-1]))
     row, column = np.concatenate([row, row[skips]]), np.concatenate([column, column[skips + 1]])
     inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
@@ -71,7 +71,7 @@ def drawn(segments: Floats, shape: tuple[int, int]) -> Bools:
     return matrix
 
 
-def filled(rings: Sequence[Floats], shape: tuple[int, int], *, union: bool) -> Bools:
+def rasterise_rings(rings: Sequence[Floats], shape: tuple[int, int], *, union: bool) -> Bools:
     """Return the matrix with the pixels whose centres are inside the rings, each (n, 2).
 
     Args:
@@ -91,7 +91,7 @@ def filled(rings: Sequence[Floats], shape: tuple[int, int], *, union: bool) -> B
         row = first[edge] + np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
         share = (row + 0.5 - a[edge, 1]) / (b[edge, 1] - a[edge, 1])
         x = a[edge, 0] + share * (b[edge, 0] - a[edge, 0])
-        column = np.clip(np.ceil(x - 0.5 - _NUDGE), 0, shape[1]).astype(np.int64)
+        column = np.clip(np.ceil(x - 0.5 - _ROUNDING_PIXELS), 0, shape[1]).astype(np.int64)
         np.add.at(turns, (row, column), (orientation * np.sign(a[edge, 1] - b[edge, 1])).astype(np.int32))
     inside = np.cumsum(turns, axis=1)[:, :-1]
     matrix: Bools = inside != 0 if union else inside % 2 == 1

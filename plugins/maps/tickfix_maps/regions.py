@@ -17,7 +17,7 @@ import shapely
 from tickfix.api import Floats, Ints, frozen, parameter
 from tickfix_maps.walls import Walls, WallsParams
 
-_TOUCH_M = 1e-6
+_TOUCH_DISTANCE_M = 1e-6
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class RegionsParams(WallsParams):
     region_m: Annotated[
         float, parameter("greatest extent of a sub-region", unit="m", source="[wang2015] 2.1", gt=0)
     ] = 20.0
-    least_m2: Annotated[
+    min_area_m2: Annotated[
         float, parameter("smaller pieces, such as niches between two walls, are none", unit="m²", ge=0)
     ] = 1.0
 
@@ -60,7 +60,7 @@ class Regions(Walls):
                 x, y = left + column * size, low + row * size
                 parts = shapely.get_parts(shapely.intersection(free, shapely.box(x, y, x + size, y + size)))
                 areas = shapely.area(parts)
-                found += [part for part, area in zip(parts, areas, strict=True) if area >= self.params.least_m2]
+                found += [part for part, area in zip(parts, areas, strict=True) if area >= self.params.min_area_m2]
         return tuple(found)
 
     @cached_property
@@ -68,15 +68,15 @@ class Regions(Walls):
         """(n, 2) int64: pairs of sub-regions that one can walk between, each once, the smaller number first."""
         if not self.outlines:
             return frozen(np.zeros((0, 2)), np.int64)
-        a, b = self._tree.query(np.array(self.outlines), predicate="dwithin", distance=_TOUCH_M)
+        a, b = self._tree.query(np.array(self.outlines), predicate="dwithin", distance=_TOUCH_DISTANCE_M)
         a, b = a[a < b], b[a < b]
         # A corner in common is no way through.
         shared = [
-            shapely.length(shapely.intersection(self.outlines[i].boundary, self.outlines[j].buffer(_TOUCH_M)))
+            shapely.length(shapely.intersection(self.outlines[i].boundary, self.outlines[j].buffer(_TOUCH_DISTANCE_M)))
             for i, j in zip(a, b, strict=True)
         ]
-        way = np.array(shared, np.float64) > 2.0 * self.params.clearance_m + 10.0 * _TOUCH_M
-        pairs = np.column_stack([a[way], b[way]])
+        passable = np.array(shared, np.float64) > 2.0 * self.params.clearance_m + 10.0 * _TOUCH_DISTANCE_M
+        pairs = np.column_stack([a[passable], b[passable]])
         return frozen(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))], np.int64)
 
     def region_of(self, xy: Floats) -> Ints:

@@ -9,9 +9,8 @@ from typing import Annotated, Any
 import numpy as np
 import shapely
 
-from tickfix.api import BaseMap, Bools, Context, Floats, Floor, Trained, frozen, parameter
-from tickfix_maps.cells import Cells
-from tickfix_maps.segments import SegmentIndex
+from tickfix.api import BaseMap, Bools, Context, Floats, Floor, TrainedModel, frozen, parameter
+from tickfix_maps.segment_index import CellGrid, SegmentIndex
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Walls(BaseMap[WallsParams]):
     name = "walls"
     Params = WallsParams
 
-    def __init__(self, params: WallsParams, context: Context, trained: Trained | None = None) -> None:
+    def __init__(self, params: WallsParams, context: Context, trained: TrainedModel | None = None) -> None:
         """Index the walls of ``context.floor``; areas are prepared when first asked for."""
         super().__init__(params, context, trained)
         assert context.floor is not None  # noqa: S101 - maps are built per floor
@@ -41,10 +40,10 @@ class Walls(BaseMap[WallsParams]):
         """Tell for each point (n, 2) whether one can stand there."""
         if self._walkable is None:
             return np.ones(len(xy), dtype=np.bool_)
-        cells, free, telling = self._free
-        cell = cells.of(xy.T)
+        cells, free, uniform = self._free
+        cell = cells.index_of(xy.T)
         inside: Bools = free[cell]
-        unsure = np.flatnonzero(~telling[cell])
+        unsure = np.flatnonzero(~uniform[cell])
         inside[unsure] = shapely.contains_xy(self._walkable, xy[unsure])
         return inside
 
@@ -66,10 +65,10 @@ class Walls(BaseMap[WallsParams]):
     def snap(self, previous: Floats | None, xy: Floats) -> Floats:
         """Return the nearest free place to ``xy`` (2,); coming from ``previous``, no further than the first wall."""
         if previous is not None and bool(self.crosses(previous[None], xy[None])[0]):
-            way = xy - previous
-            length = float(np.hypot(*way))
+            delta = xy - previous
+            length = float(np.hypot(*delta))
             share = self._index.first_crossing(previous, xy) - self.params.clearance_m / max(length, 1e-9)
-            xy = previous + max(0.0, share) * way
+            xy = previous + max(0.0, share) * delta
         free: Floats = self.nearest_free(xy[None])[0]
         return free
 
@@ -79,10 +78,10 @@ class Walls(BaseMap[WallsParams]):
         return None if self._walkable is None else self._inner
 
     @cached_property
-    def _free(self) -> tuple[Cells, Bools, Bools]:
+    def _free(self) -> tuple[CellGrid, Bools, Bools]:
         """Cells, in which of them one can stand, and which of them are wholly alike and tell it."""
-        cells = Cells(_edges(self._floor))
-        return cells, *cells.alike(lambda xy: shapely.contains_xy(self._walkable, xy))
+        cells = CellGrid(_edges(self._floor))
+        return cells, *cells.uniform_cells(lambda xy: shapely.contains_xy(self._walkable, xy))
 
     @cached_property
     def _walkable(self) -> Any:

@@ -1,11 +1,14 @@
-"""Pdr ``elm``: velocity and orientation by regression, [jiang2015] sections 4 and 5, eqs. (1)–(13)."""
+"""Pdr ``elm``: velocity and orientation by regression, [jiang2015] sections 4, 5 and 8.2, eqs.
+
+(1)-(13): parameters, training on surveyed walks with the errors expected of it, and the dead reckoning itself.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -13,21 +16,167 @@ from tickfix.api import (
     TICK_NS,
     BasePdr,
     Context,
+    Floats,
+    Ints,
     Motion,
     MotionSamples,
     Preset,
     Rng,
     Survey,
-    Trained,
+    TrainedModel,
+    parameter,
     wrap_rad,
 )
-from tickfix_pdr.elm_model import Elm
-from tickfix_pdr.elm_params import ElmParams
-from tickfix_pdr.elm_training import train
-from tickfix_pdr.elm_windows import Felt, felt, heading_features, headings, joined, velocities, velocity_features
-from tickfix_pdr.heading import fold_gravity, fold_yaw
+from tickfix.toolkit.extreme_learning import RegressionElm
+from tickfix.toolkit.extreme_learning import train as fit
+from tickfix.toolkit.heading import integrate_yaw, update_gravity
+from tickfix_pdr.elm_features import (
+    Felt,
+    assign_folds,
+    heading_features,
+    headings_of_outputs,
+    labelled_windows,
+    merge_sums,
+    sum_samples,
+    velocities_of_outputs,
+    velocity_features,
+)
 
-_SHAKE_S = 0.5
+Activation = Literal["hardlim", "sigmoid"]
+
+
+@dataclass(frozen=True)
+class ElmParams:
+    """Parameters of ``elm``."""
+
+    window_ms: Annotated[
+        int,
+        parameter(
+            "T_w, whole ticks over whose samples features are averaged; the last one is told",
+            unit="ms",
+            source="[jiang2015] 8.2.1",
+            ge=200,
+            trains=True,
+        ),
+    ] = 200
+    velocity_nodes: Annotated[
+        tuple[int, ...], parameter("hidden nodes to choose from", source="[jiang2015] 8.2.2", trains=True)
+    ] = (25, 50, 100, 200, 400)
+    heading_nodes: Annotated[
+        tuple[int, ...], parameter("hidden nodes to choose from", source="[jiang2015] 8.2.2", trains=True)
+    ] = (25, 50, 100, 200, 400)
+    velocity_activation: Annotated[
+        Activation, parameter("g(x) for the velocity", source="[jiang2015] 8.2.2", trains=True)
+    ] = "hardlim"
+    heading_activation: Annotated[
+        Activation, parameter("g(x) for the orientation", source="[jiang2015] 8.2.2", trains=True)
+    ] = "sigmoid"
+    fold_count: Annotated[
+        int, parameter("folds of the cross-validation", source="[jiang2015] 8.2.2", ge=2, trains=True)
+    ] = 10
+    keep_chains: Annotated[bool, parameter("folds keep a chain of walks together; else at random", trains=True)] = True
+    as_vector: Annotated[
+        bool, parameter("regress the heading as sine and cosine; else the plain angle", trains=True)
+    ] = True
+    ridge: Annotated[
+        float, parameter("regularisation per sample", source="[jiang2015] eq. (10)", gt=0, trains=True)
+    ] = 1e-3
+    stationary_threshold_mps2: Annotated[
+        float, parameter("a phone that shakes less is at rest; 0: as the network says", unit="m/s²", ge=0)
+    ] = 0.15
+
+    def __post_init__(self) -> None:
+        """Check the window.
+
+        Raises:
+            ValueError: when it is not made of whole ticks.
+        """
+        if self.window_ms * 1_000_000 % TICK_NS:
+            raise ValueError(f"window_ms: found {self.window_ms}, expected a multiple of {TICK_NS // 1_000_000}")
+
+
+_MIN_WINDOWS = 50
+
+
+def train(params: ElmParams, survey: Survey, rng: Rng) -> TrainedModel:
+    """Train both networks on the survey's walks.
+
+    Returns:
+        The networks; ``velocity_mse`` and ``heading_mse`` by number of nodes as rows (nodes, MSE); ``errors``: (4,)
+        of the velocity from tick to tick (m/s) and of a walk (relative), of the heading likewise (both radians);
+        ``window_mse``: (2,) of the chosen networks in windows they did not see, m²/s² and, the shorter way round,
+        rad², the figures of [jiang2015] Table 3.
+
+    Raises:
+        ValueError: when the survey has too few windows with all four sensors and waypoints.
+    """
+    velocity, heading = labelled_windows(survey.walks, params.window_ms * 1_000_000, as_vector=params.as_vector)
+    if min(len(velocity.t), len(heading.t)) < _MIN_WINDOWS:
+        raise ValueError(
+            f"elm: found {len(velocity.t)} windows for the velocity and {len(heading.t)} for the heading, needs "
+            f"{_MIN_WINDOWS}: walks with waypoints, accelerometer, gyroscope, magnetometer and rotation vector"
+        )
+    names = sorted({walk.chain for walk in survey.walks})
+    chain = np.array([names.index(walk.chain) for walk in survey.walks])
+
+    def fold(walk: Ints) -> Ints:
+        return assign_folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=rng)
+
+    v = fit(
+        velocity.x,
+        velocity.t[:, None],
+        fold(velocity.walk),
+        params.velocity_nodes,
+        activation=params.velocity_activation,
+        ridge=params.ridge,
+        rng=rng,
+    )
+    o = fit(
+        heading.x,
+        np.stack([np.sin(heading.t), np.cos(heading.t)], axis=1) if params.as_vector else heading.t[:, None],
+        fold(heading.walk),
+        params.heading_nodes,
+        activation=params.heading_activation,
+        ridge=params.ridge,
+        rng=rng,
+    )
+    model: dict[str, Any] = {**v.elm.arrays("velocity"), **o.elm.arrays("heading")}
+    model["velocity_mse"] = np.stack([v.nodes, v.mse])
+    model["heading_mse"] = np.stack([o.nodes, o.mse])
+    velocity_errors = velocity.t - velocities_of_outputs(v.held_out)
+    mean = _mean_by_walk(velocity_errors, velocity.walk)
+    heading_errors = wrap_rad(heading.t - headings_of_outputs(o.held_out))
+    bias = np.arctan2(
+        _mean_by_walk(np.sin(heading_errors), heading.walk), _mean_by_walk(np.cos(heading_errors), heading.walk)
+    )
+    model["window_mse"] = np.array([np.mean((velocity.t - v.held_out[:, 0]) ** 2), np.mean(heading_errors**2)])
+    model["errors"] = np.array(
+        [
+            _rms(velocity_errors - mean),
+            _rms(mean) / max(float(velocity.t.mean()), 0.1),
+            _robust_sigma(wrap_rad(heading_errors - bias)),
+            _rms(bias),
+        ]
+    )
+    return model
+
+
+def _mean_by_walk(values: Floats, walk: Ints) -> Floats:
+    """Return for each value (N,) the mean of its walk."""
+    mean: Floats = (np.bincount(walk, values) / np.maximum(np.bincount(walk), 1))[walk]
+    return mean
+
+
+def _robust_sigma(values: Floats) -> float:
+    """Return the standard deviation by the median: a spline through sparse waypoints errs far where people stop."""
+    return float(1.4826 * np.median(np.abs(values)))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+_SHAKE_TIME_CONSTANT_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +189,7 @@ class ElmState:
         gyroscope_ns: the last gyroscope sample's time, −1 before the first.
         shake: smoothed square of the acceleration's departure from gravity's length, m²/s⁴; −1 before the first.
         travelled_m: so far.
-        recent: what was felt in the ticks before, as many as a window needs.
+        recent_sums: what was felt in the ticks before, as many as a window needs.
     """
 
     heading_rad: float | None = None
@@ -48,7 +197,7 @@ class ElmState:
     gyroscope_ns: int = -1
     shake: float = -1.0
     travelled_m: float = 0.0
-    recent: tuple[Felt, ...] = ()
+    recent_sums: tuple[Felt, ...] = ()
 
 
 class ElmPdr(BasePdr[ElmParams]):
@@ -80,12 +229,12 @@ class ElmPdr(BasePdr[ElmParams]):
                 "keep_chains": False,
                 "as_vector": False,
                 "ridge": 1e-8,
-                "still_mps2": 0.0,
+                "stationary_threshold_mps2": 0.0,
             },
         )
     }
 
-    def __init__(self, params: ElmParams, context: Context, trained: Trained | None = None) -> None:
+    def __init__(self, params: ElmParams, context: Context, trained: TrainedModel | None = None) -> None:
         """Take the two networks.
 
         Raises:
@@ -95,8 +244,8 @@ class ElmPdr(BasePdr[ElmParams]):
         if trained is None:
             raise ValueError("elm: found no trained model; survey again with this configuration (--config)")
         self._before = params.window_ms * 1_000_000 // TICK_NS - 1
-        self._velocity = Elm.of(trained, "velocity", params.velocity_activation)
-        self._heading = Elm.of(trained, "heading", params.heading_activation)
+        self._velocity = RegressionElm.of(trained, "velocity", params.velocity_activation)
+        self._heading = RegressionElm.of(trained, "heading", params.heading_activation)
         self._sigma, self._scale_sigma, self._heading_sigma, self._heading_bias = (
             float(v) for v in np.asarray(trained["errors"])
         )
@@ -109,24 +258,24 @@ class ElmPdr(BasePdr[ElmParams]):
         """Fold a tick's samples into motion."""
         dt = (samples.t1_ns - samples.t0_ns) * 1e-9
         accelerometer = samples.sensors.get("accelerometer")
-        up = fold_gravity(state.up, accelerometer, dt)
-        turned, gyroscope_ns = fold_yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
+        up = update_gravity(state.up, accelerometer, dt)
+        turned, gyroscope_ns = integrate_yaw(state.gyroscope_ns, samples.sensors.get("gyroscope"), up)
         shake = state.shake
         if accelerometer is not None:
             lengths = np.linalg.norm(accelerometer.values, axis=1)
             square = float(np.mean((lengths - math.hypot(*up)) ** 2))
-            shake = square if shake < 0.0 else shake + dt / (_SHAKE_S + dt) * (square - shake)
-        still = accelerometer is not None and 0.0 <= shake < self.params.still_mps2**2
+            shake = square if shake < 0.0 else shake + dt / (_SHAKE_TIME_CONSTANT_S + dt) * (square - shake)
+        still = accelerometer is not None and 0.0 <= shake < self.params.stationary_threshold_mps2**2
 
-        window = (*state.recent, felt(samples))
-        mean = joined(window)
+        window = (*state.recent_sums, sum_samples(samples))
+        mean = merge_sums(window)
         x = velocity_features(mean)
-        v = 0.0 if x is None or still else float(velocities(self._velocity(x[None]))[0])
+        v = 0.0 if x is None or still else float(velocities_of_outputs(self._velocity(x[None]))[0])
         distance_m = v * dt  # eq. (13), with T_w the tick
         x_o = heading_features(mean, as_vector=self.params.as_vector)
         heading = state.heading_rad
         if x_o is not None:
-            heading = float(headings(self._heading(x_o[None]))[0])
+            heading = float(headings_of_outputs(self._heading(x_o[None]))[0])
         elif heading is not None:
             heading = float(wrap_rad(heading + (turned or 0.0)))
         if turned is None and heading is not None and state.heading_rad is not None:
@@ -145,10 +294,10 @@ class ElmPdr(BasePdr[ElmParams]):
             stationary=still,
             travelled_m=state.travelled_m + distance_m,
         )
-        recent = window[-self._before :] if self._before else ()
-        return ElmState(heading, up, gyroscope_ns, shake, motion.travelled_m, recent), motion
+        recent_sums = window[-self._before :] if self._before else ()
+        return ElmState(heading, up, gyroscope_ns, shake, motion.travelled_m, recent_sums), motion
 
     @staticmethod
-    def train(params: ElmParams, survey: Survey, rng: Rng) -> Trained:
-        """Train both networks on the survey's walks, see :func:`~tickfix_pdr.elm_training.train`."""
+    def train(params: ElmParams, survey: Survey, rng: Rng) -> TrainedModel:
+        """Train both networks on the survey's walks, see :func:`~tickfix_pdr.elm.train`."""
         return train(params, survey, rng)

@@ -6,29 +6,30 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from tickfix.api import BasePdr, Context, Motion, MotionSamples, Preset, Rng, Survey, Trained, parameter, wrap_rad
-from tickfix_pdr.calibration import calibrate
-from tickfix_pdr.heading import HeadingState, fold_heading
-from tickfix_pdr.step_detector import GaitState, Step, detect_steps
-from tickfix_pdr.walked import StepErrorParams, walked
+from tickfix.api import BasePdr, Context, Motion, MotionSamples, Preset, Rng, Survey, TrainedModel, parameter, wrap_rad
+from tickfix.toolkit.calibration import calibrate
+from tickfix.toolkit.heading import HeadingState, update_heading
+from tickfix.toolkit.step_signal import DetectedStep, GaitState, StepErrorParams, detect_steps, motion_from_steps
 
 
 @dataclass(frozen=True)
 class GaitParams(StepErrorParams):
     """Parameters of ``gait``."""
 
-    step_m: Annotated[
+    step_length_m: Annotated[
         float, parameter("the default step length; not printed", unit="m", source="[jiang2015] section 5", gt=0)
     ] = 0.7
     low_pass_hz: Annotated[float, parameter("corner of the smoothing", unit="Hz", gt=0, trains=True)] = 2.0
     threshold: Annotated[
         float, parameter("least height of a peak of the acceleration", unit="m/s²", gt=0, trains=True)
     ] = 0.4
-    shortest_s: Annotated[float, parameter("least time between steps", unit="s", gt=0, trains=True)] = 0.3
+    min_step_interval_s: Annotated[float, parameter("least time between steps", unit="s", gt=0, trains=True)] = 0.3
     length_sigma: Annotated[float, parameter("relative error of a single step's length", ge=0)] = 0.15
     scale_sigma: Annotated[float, parameter("relative error that stays for the walk", ge=0)] = 0.15
     heading_sigma_rad: Annotated[float, parameter("error of a single step's direction", unit="rad", ge=0)] = 0.13
-    standing_s: Annotated[float, parameter("without a step for so long, the phone stands", unit="s", gt=0)] = 2.0
+    stationary_after_s: Annotated[float, parameter("without a step for so long, the phone stands", unit="s", gt=0)] = (
+        2.0
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ class Gait(BasePdr[GaitParams]):
         "jiang2015": Preset("[jiang2015] Table 4; no value is printed, all are ours", {})
     }
 
-    def __init__(self, params: GaitParams, context: Context, trained: Trained | None = None) -> None:
+    def __init__(self, params: GaitParams, context: Context, trained: TrainedModel | None = None) -> None:
         """Take the drawing's north from the survey."""
         super().__init__(params, context, trained)
         self._offset_rad = 0.0 if trained is None else float(trained["heading_offset_rad"])
@@ -69,27 +70,31 @@ class Gait(BasePdr[GaitParams]):
         """Fold a tick's samples into motion."""
         p = self.params
         dt = (samples.t1_ns - samples.t0_ns) * 1e-9
-        heading, direction = fold_heading(state.heading, samples)
+        heading, direction = update_heading(state.heading, samples)
         accelerometer = samples.sensors.get("accelerometer")
-        gait, found = state.gait, list[Step]()
+        gait, found = state.gait, list[DetectedStep]()
         if accelerometer is not None:
             gait, found = detect_steps(
-                gait, accelerometer, low_pass_hz=p.low_pass_hz, threshold=p.threshold, shortest_s=p.shortest_s
+                gait,
+                accelerometer,
+                low_pass_hz=p.low_pass_hz,
+                threshold=p.threshold,
+                min_step_interval_s=p.min_step_interval_s,
             )
         since_step_s = 0.0 if found else state.since_step_s + dt
-        told = heading.heading_rad
-        motion = walked(
+        device_heading_rad = heading.heading_rad
+        motion = motion_from_steps(
             samples,
-            [p.step_m] * len(found),
+            [p.step_length_m] * len(found),
             p,
-            heading_rad=None if told is None else float(wrap_rad(told + self._offset_rad)),
+            heading_rad=None if device_heading_rad is None else float(wrap_rad(device_heading_rad + self._offset_rad)),
             turn_rad=direction.turn_rad,
-            stands=since_step_s > p.standing_s,
-            before_m=state.travelled_m,
+            stationary=since_step_s > p.stationary_after_s,
+            travelled_before_m=state.travelled_m,
         )
         return GaitPdrState(gait, heading, since_step_s, motion.travelled_m), motion
 
     @staticmethod
-    def train(params: GaitParams, survey: Survey, rng: Rng) -> Trained:  # noqa: ARG004 - nothing is drawn
+    def train(params: GaitParams, survey: Survey, rng: Rng) -> TrainedModel:  # noqa: ARG004 - nothing is drawn
         """Learn the drawing's north, and nothing about the length of steps: the default is the method."""
         return {"heading_offset_rad": calibrate(Gait(params, Context()), survey)["heading_offset_rad"]}

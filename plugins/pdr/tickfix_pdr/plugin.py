@@ -7,7 +7,7 @@ from tickfix_pdr.elm import ElmPdr
 from tickfix_pdr.gait import Gait
 from tickfix_pdr.multi_threshold import MultiThreshold
 from tickfix_pdr.pseudo_odometry import PseudoOdometry
-from tickfix_pdr.steps import Steps
+from tickfix_pdr.steps import StepsPdr
 
 TICKFIX_API = 1
 
@@ -15,4 +15,4 @@ TICKFIX_API = 1
 @hookimpl
 def tickfix_register() -> list[type]:
     """Offer dead reckoning."""
-    return [Steps, Gait, MultiThreshold, PseudoOdometry, ElmPdr]
+    return [StepsPdr, Gait, MultiThreshold, PseudoOdometry, ElmPdr]

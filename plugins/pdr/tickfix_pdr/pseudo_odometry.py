@@ -9,7 +9,18 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from tickfix.api import BasePdr, Context, Motion, MotionSamples, Preset, Rng, Survey, Trained, heading_of, parameter
+from tickfix.api import (
+    BasePdr,
+    Context,
+    Motion,
+    MotionSamples,
+    Preset,
+    Rng,
+    Survey,
+    TrainedModel,
+    heading_of,
+    parameter,
+)
 from tickfix_pdr.multi_threshold import MultiThreshold, MultiThresholdParams, MultiThresholdState
 
 
@@ -27,15 +38,15 @@ class PseudoOdometryState:
     """The dead reckoning within, and what it walked since the last reading of the odometer.
 
     Attributes:
-        within: state of ``multi-threshold``.
+        inner_state: state of ``multi-threshold``.
         elapsed_ns: since the last reading.
         distance_m: cumulative PDR distance less that of the last reading.
         east, north: the same as a displacement, metres.
-        sigma_m: white uncertainty of the distance.
+        sigma_per_axis_m: white uncertainty of the distance.
         travelled_m: the odometer's last reading.
     """
 
-    within: MultiThresholdState = field(default_factory=MultiThresholdState)
+    inner_state: MultiThresholdState = field(default_factory=MultiThresholdState)
     elapsed_ns: int = 0
     distance_m: float = 0.0
     east: float = 0.0
@@ -66,7 +77,7 @@ class PseudoOdometry(BasePdr[PseudoOdometryParams]):
         )
     }
 
-    def __init__(self, params: PseudoOdometryParams, context: Context, trained: Trained | None = None) -> None:
+    def __init__(self, params: PseudoOdometryParams, context: Context, trained: TrainedModel | None = None) -> None:
         """Build the dead reckoning within."""
         super().__init__(params, context, trained)
         self._pdr = MultiThreshold(params, context, trained)
@@ -78,11 +89,11 @@ class PseudoOdometry(BasePdr[PseudoOdometryParams]):
 
     def step(self, state: PseudoOdometryState, samples: MotionSamples) -> tuple[PseudoOdometryState, Motion]:
         """Fold a tick's samples; tell a way where the odometer is read."""
-        inner, motion = self._pdr.step(state.within, samples)
+        inner, motion = self._pdr.step(state.inner_state, samples)
         heading = motion.heading_rad
         way = motion.distance_m if heading is not None else 0.0
         summed = PseudoOdometryState(
-            within=inner,
+            inner_state=inner,
             elapsed_ns=state.elapsed_ns + samples.t1_ns - samples.t0_ns,
             distance_m=state.distance_m + motion.distance_m,
             east=state.east + way * math.sin(heading or 0.0),
@@ -91,14 +102,14 @@ class PseudoOdometry(BasePdr[PseudoOdometryParams]):
             travelled_m=state.travelled_m,
         )
         if summed.elapsed_ns < self._period_ns:
-            quiet = replace(
+            between_readings = replace(
                 motion,
                 distance_m=0.0,
                 distance_sigma_m=0.0,
                 stationary=motion.stationary and summed.distance_m == 0.0,
                 travelled_m=state.travelled_m,
             )
-            return summed, quiet
+            return summed, between_readings
         if math.hypot(summed.east, summed.north) > 0.0:
             heading = heading_of(np.array([summed.east, summed.north]))
         read = replace(
@@ -110,9 +121,9 @@ class PseudoOdometry(BasePdr[PseudoOdometryParams]):
             travelled_m=state.travelled_m + summed.distance_m,
         )
         rest_ns = summed.elapsed_ns % self._period_ns
-        return PseudoOdometryState(within=inner, elapsed_ns=rest_ns, travelled_m=read.travelled_m), read
+        return PseudoOdometryState(inner_state=inner, elapsed_ns=rest_ns, travelled_m=read.travelled_m), read
 
     @staticmethod
-    def train(params: PseudoOdometryParams, survey: Survey, rng: Rng) -> Trained:
+    def train(params: PseudoOdometryParams, survey: Survey, rng: Rng) -> TrainedModel:
         """Learn what ``multi-threshold`` learns."""
         return MultiThreshold.train(params, survey, rng)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.api import Floats, Ints, pack, unpack
-from tickfix.api.packing import Packed, nbytes
+from tickfix.api.packing import PrepackedValue, nbytes
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def test_a_state_comes_back_bit_for_bit(state: State) -> None:
 @given(states)
 def test_what_was_packed_before_stands_for_what_it_was_packed_from(state: State) -> None:
     for value in (state, state.inner, state.inner.numbers):
-        assert pack((1, Packed(pack(value)), "a")) == pack((1, value, "a"))
+        assert pack((1, PrepackedValue(pack(value)), "a")) == pack((1, value, "a"))
 
 
 @settings(max_examples=300)

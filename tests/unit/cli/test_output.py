@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from tickfix.cli.output import print_json, progress, warn_of
+from tickfix.cli.console import print_json, progress, warn_each
 
 
 def test_json_is_all_there_is_on_stdout_and_never_holds_a_nan(capsys: pytest.CaptureFixture[str]) -> None:
@@ -19,7 +19,7 @@ def test_json_is_all_there_is_on_stdout_and_never_holds_a_nan(capsys: pytest.Cap
 
 
 def test_the_first_problems_are_told_and_the_rest_counted(capsys: pytest.CaptureFixture[str]) -> None:
-    warn_of(tuple(f"problem {i}" for i in range(8)), "problems")
+    warn_each(tuple(f"problem {i}" for i in range(8)), "problems")
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "tickfix: warning: problem 0"
     assert lines[-1] == "tickfix: warning: … and 3 more problems"

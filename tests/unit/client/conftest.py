@@ -9,14 +9,14 @@ import zmq
 
 from tickfix.wire import (
     VERSION,
-    Ack,
-    Envelope,
-    Error,
-    Heartbeat,
+    AckReply,
+    ErrorReply,
+    HeartbeatMessage,
     MessageLimits,
-    Welcome,
+    PublicationEnvelope,
+    WelcomeReply,
     decode_message,
-    encode,
+    encode_engine_message,
 )
 
 PATIENCE_MS = 60_000
@@ -57,21 +57,21 @@ class Sockets:
 
     def say(self, peer, answer):
         """Send an answer to a peer."""
-        self.router.send_multipart([peer, encode(answer)])
+        self.router.send_multipart([peer, encode_engine_message(answer)])
 
     def ack(self, peer, message, outcome="accepted", detail=""):
         """Acknowledge a message."""
         identity = {"device": message.device, "session": message.session, "seq": message.seq}
-        self.say(peer, Ack(v=VERSION, outcome=outcome, detail=detail, **identity))
+        self.say(peer, AckReply(v=VERSION, outcome=outcome, detail=detail, **identity))
 
     def refuse(self, peer, message, outcome, **what):
         """Answer with an error."""
         identity = {"device": message.device, "session": message.session, "seq": message.seq}
-        self.say(peer, Error(v=VERSION, outcome=outcome, **what, **identity))
+        self.say(peer, ErrorReply(v=VERSION, outcome=outcome, **what, **identity))
 
     def welcome(self, peer, run="r1", limits=None):
         """Answer a hello."""
-        self.say(peer, Welcome(v=VERSION, run=run, site="mall", limits=limits or {}))
+        self.say(peer, WelcomeReply(v=VERSION, run=run, site="mall", limits=limits or {}))
 
     def restart(self):
         """Close the sensors port as a dying engine does, and open it again at the same address."""
@@ -91,12 +91,12 @@ class Sockets:
 
     def publish(self, topic, seq, body, run="r1"):
         """Publish a body under a topic."""
-        self.xpub.send_multipart([topic, encode(Envelope(v=VERSION, run=run, seq=seq)), body])
+        self.xpub.send_multipart([topic, encode_engine_message(PublicationEnvelope(v=VERSION, run=run, seq=seq)), body])
 
     def beat(self, seq, run="r1"):
         """Publish a heartbeat."""
-        body = Heartbeat(v=1, run=run, site="mall", wall_ns=1, uptime_s=1.0, devices=0, seq=seq)
-        self.publish(b"heartbeat", seq, encode(body), run)
+        body = HeartbeatMessage(v=1, run=run, site="mall", wall_ns=1, uptime_s=1.0, devices=0, seq=seq)
+        self.publish(b"heartbeat", seq, encode_engine_message(body), run)
 
     def close(self):
         """Close everything."""

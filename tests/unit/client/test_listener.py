@@ -94,12 +94,12 @@ def test_the_same_again_is_not_told_twice(sockets, listen):
     for seq in (1, 2, 2, 3):
         say(sockets, seq)
     assert [listener.receive(PATIENCE_S)["tick"] for _ in range(3)] == [1, 2, 3]
-    assert (listener.repeated, listener.missed) == (1, 0)
+    assert (listener.duplicates, listener.missed) == (1, 0)
 
 
 def test_another_run_begins_anew(sockets, listen):
     runs = []
-    listener = listen(on_run=runs.append)
+    listener = listen(on_new_run=runs.append)
     say(sockets, 9)
     say(sockets, 9, run="r2")
     say(sockets, 10, run="r2")
@@ -125,7 +125,7 @@ def test_heartbeats_are_kept_and_are_no_estimates(sockets, listen):
 
 def test_silence_is_told_once_and_ends_with_a_heartbeat(sockets, listen, until):
     silences = []
-    listener = listen(silence_s=0.05, on_silence=silences.append)
+    listener = listen(heartbeat_timeout_s=0.05, on_heartbeat_timeout=silences.append)
     assert listener.receive(0.3) is None
     assert len(silences) == 1
     assert silences[0] >= 0.05

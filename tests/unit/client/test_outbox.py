@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tickfix.client.outbox import WINDOW, Outbox
-from tickfix.kernel.intake import _REMEMBERED, Sequence
-from tickfix.ports.opening import _QUEUED
+from tickfix.client.session import SEND_WINDOW, RetransmitBuffer
+from tickfix.kernel.deduplication import _WINDOW_LENGTH, SequenceWindow
+from tickfix.ports.sockets import HIGH_WATER_MARKS
 
 PAGE = Path(__file__).parents[3] / "docs" / "wire-protocol.md"
 
 
 def outbox(**changes):
-    return Outbox(**({"most_messages": 5000, "most_bytes": 10**6, "resend_s": 1.0} | changes))
+    return RetransmitBuffer(**({"most_messages": 5000, "most_bytes": 10**6, "resend_s": 1.0} | changes))
 
 
 class Network:
@@ -27,7 +27,7 @@ class Network:
         self.loss = rng.random() * 0.6
         self.busy = rng.random() * 0.3
         self.box = outbox()
-        self.engine = Sequence()
+        self.engine = SequenceWindow()
         self.counted = []
         self.under_way = []
 
@@ -43,7 +43,7 @@ class Network:
         arriving, self.under_way = self.under_way[:n], self.under_way[n:]
         for number in arriving:
             if self.rng.random() < self.busy:
-                self.box.refused_for_now(number, now_s)
+                self.box.defer(number, now_s)
                 continue
             if self.engine.is_new(number):
                 self.counted.append(number)
@@ -61,11 +61,11 @@ def test_every_message_counts_once_whatever_the_network_does(n, rng):
         now_s = 0.3 * turn
         if seq < n and rng.random() < 0.7:
             seq += 1
-            network.box.keep(seq, b"x")
+            network.box.add(seq, b"x")
         network.carry(now_s)
         network.deliver(rng.randint(0, 40), now_s)
         if rng.random() < 0.02:
-            network.box.all_due()
+            network.box.mark_all_due()
         turn += 1
         if turn == 2000:  # a network that never delivers proves nothing
             network.loss = network.busy = 0.0
@@ -75,20 +75,20 @@ def test_every_message_counts_once_whatever_the_network_does(n, rng):
 
 def test_the_window_is_within_what_an_engine_remembers_and_answers():
     # libzmq gives room back in halves of the high-water mark.
-    assert WINDOW < _QUEUED["sensors"] // 2 < _REMEMBERED
-    assert f"`tickfix.client` has {WINDOW}." in PAGE.read_text(encoding="utf-8")
+    assert SEND_WINDOW < HIGH_WATER_MARKS["sensors"] // 2 < _WINDOW_LENGTH
+    assert f"`tickfix.client` has {SEND_WINDOW}." in PAGE.read_text(encoding="utf-8")
 
 
 def test_it_counts_what_it_keeps():
     box = outbox(most_messages=3, most_bytes=10)
-    box.keep(1, b"1234")
-    box.keep(2, b"12345")
-    assert (len(box), box.kept_bytes, box.oldest(), 2 in box, 3 in box) == (2, 9, 1, True, False)
+    box.add(1, b"1234")
+    box.add(2, b"12345")
+    assert (len(box), box.buffered_bytes, box.oldest(), 2 in box, 3 in box) == (2, 9, 1, True, False)
     assert box.fits(1)
     assert not box.fits(2)
     assert box.forget(1)
     assert not box.forget(1)
-    assert (len(box), box.kept_bytes, box.oldest()) == (1, 5, 2)
+    assert (len(box), box.buffered_bytes, box.oldest()) == (1, 5, 2)
 
 
 def test_nothing_kept_is_never_due():
@@ -98,7 +98,7 @@ def test_nothing_kept_is_never_due():
 
 def test_patience_grows_and_ends_at_sixteen_times():
     box = outbox(resend_s=1.0)
-    box.keep(1, b"")
+    box.add(1, b"")
     waits = []
     for _ in range(7):
         box.sent(1, 0.0)
@@ -108,10 +108,10 @@ def test_patience_grows_and_ends_at_sixteen_times():
 
 def test_a_new_connection_makes_all_due_and_patient_anew():
     box = outbox(resend_s=1.0)
-    box.keep(1, b"")
+    box.add(1, b"")
     for _ in range(3):
         box.sent(1, 50.0)
-    box.all_due()
+    box.mark_all_due()
     assert box.due(0.0) == [(1, b"")]
     box.sent(1, 50.0)
     assert box.next_due_s() == 51.0
@@ -119,6 +119,6 @@ def test_a_new_connection_makes_all_due_and_patient_anew():
 
 def test_busy_for_a_message_that_is_done_with_changes_nothing():
     box = outbox()
-    box.refused_for_now(9, 1.0)
+    box.defer(9, 1.0)
     with pytest.raises(StopIteration):
         box.oldest()

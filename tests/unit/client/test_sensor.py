@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import zmq
 
-from tickfix.client import ClientError, OutboxFullError, Sensor
-from tickfix.client.outbox import WINDOW
-from tickfix.wire import Bye, Hello, to_event
+from tickfix.client import BufferFullError, ClientError, Sensor
+from tickfix.client.session import SEND_WINDOW
+from tickfix.wire import Bye, Hello, message_to_event
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_what_is_measured_arrives_bit_for_bit(link):
     values = np.array([[1.0, -0.0, np.nan], [4.0, 5.0, 1e-320]])
     sensor.motion({"gyroscope": (t_ns, values), "pressure": ([5], [[1013.25]])})
     message = link.next()
-    event = to_event(message, 7)
+    event = message_to_event(message, 7)
     assert (message.device, message.session, message.seq, message.ack) == ("d", "s", 1, True)
     assert event.sensors["gyroscope"].t_ns.tobytes() == t_ns.tobytes()
     assert event.sensors["gyroscope"].values.tobytes() == values.tobytes()
@@ -70,17 +70,17 @@ def test_what_is_measured_arrives_bit_for_bit(link):
 def test_every_kind_of_message_is_understood(link):
     sensor = link.open()
     sensor.scan(["a", "b"], [-60, -70.5], [1, 2], source="ble")
-    scan = to_event(link.next(), 9)
+    scan = message_to_event(link.next(), 9)
     assert (scan.transmitters, scan.rssi_dbm.tolist(), scan.t_ns, scan.source) == (("a", "b"), [-60.0, -70.5], 2, "ble")
     sensor.scan([], [], [], t_ns=3)
-    assert to_event(link.next(), 9).t_ns == 3
+    assert message_to_event(link.next(), 9).t_ns == 3
     sensor.pressure(4, 1000)
-    assert to_event(link.next(), 9).pressure_hpa == 1000.0
+    assert message_to_event(link.next(), 9).pressure_hpa == 1000.0
     sensor.fix(5, "F1", (1, 2), covariance=[[1, 0], [0, 1]], source="camera")
-    fix = to_event(link.next(), 9)
+    fix = message_to_event(link.next(), 9)
     assert (fix.xy.tolist(), fix.covariance.tolist(), fix.source) == ([1, 2], [[1, 0], [0, 1]], "camera")
     sensor.truth(6, "F1", np.array([3.0, 4.0]))
-    assert to_event(link.next(), 9).xy.tolist() == [3.0, 4.0]
+    assert message_to_event(link.next(), 9).xy.tolist() == [3.0, 4.0]
     sensor.send({"type": "pressure", "t_ns": 8, "pressure_hpa": 1.0, "seq": 99})
     assert link.next().seq == 6
 
@@ -94,7 +94,7 @@ def test_other_arrays_of_numpy_are_converted(link, dtype):
         sensor.motion({"gyroscope": ([1, 2], values)})
     else:
         sensor.motion({"gyroscope": (np.arange(3, dtype=np.int32), values)})
-    got = to_event(link.next(), 9).sensors["gyroscope"].values
+    got = message_to_event(link.next(), 9).sensors["gyroscope"].values
     assert got.tolist() == values.astype(float).tolist()
 
 
@@ -228,23 +228,23 @@ def test_what_is_measured_while_nobody_is_there_arrives_in_order_later(sockets, 
 
 def test_never_more_than_a_window_is_under_way(link):
     sensor = link.open()
-    for k in range(WINDOW + 10):
+    for k in range(SEND_WINDOW + 10):
         sensor.pressure(k, 1.0)
-    messages = [link.next() for _ in range(WINDOW)]
+    messages = [link.next() for _ in range(SEND_WINDOW)]
     assert link.silent()
     for message in messages[1:]:
         link.sockets.ack(link.peer, message)
     link.until(lambda: sensor.unacknowledged == 11, link.turn)
     assert link.silent(), "the oldest holds the window, so that no number is ever too old for the engine to know"
     link.ack(messages[0])
-    assert link.next().seq == WINDOW + 1
+    assert link.next().seq == SEND_WINDOW + 1
 
 
 def test_when_too_much_waits_a_new_message_is_refused_clearly(sockets, clock):
-    sensor = sockets.keep(Sensor(sockets.address, "d", clock=clock, context=sockets.context, keep_messages=3))
+    sensor = sockets.keep(Sensor(sockets.address, "d", clock=clock, context=sockets.context, buffer_messages=3))
     for k in range(3):
         sensor.pressure(k, 1.0)
-    with pytest.raises(OutboxFullError, match=r"3 messages \(\d+ bytes\) wait .* is the engine running"):
+    with pytest.raises(BufferFullError, match=r"3 messages \(\d+ bytes\) wait .* is the engine running"):
         sensor.pressure(3, 1.0)
     assert sensor.unacknowledged == 3
 
@@ -252,13 +252,13 @@ def test_when_too_much_waits_a_new_message_is_refused_clearly(sockets, clock):
 def test_when_too_much_waits_the_oldest_may_go(sockets, clock):
     dropped = []
     sensor = sockets.keep(
-        Sensor(sockets.address, "d", clock=clock, context=sockets.context, keep_bytes=300, on_drop=dropped.append)
+        Sensor(sockets.address, "d", clock=clock, context=sockets.context, buffer_bytes=300, on_drop=dropped.append)
     )
     for k in range(10):
         sensor.pressure(k, 1.0)
     assert dropped == list(range(1, len(dropped) + 1))
     assert sensor.unacknowledged == 10 - len(dropped) > 0
-    with pytest.raises(OutboxFullError):
+    with pytest.raises(BufferFullError):
         sensor.scan(["x" * 400], [1.0], [1])
 
 

@@ -21,8 +21,8 @@ from tickfix.api import (
     parameter,
 )
 from tickfix.api import Stateless as Empty
-from tickfix.config import Config, build, describe, load, parse
-from tickfix.plugins import Offer, Registry
+from tickfix.config import Config, build_pipelines, describe_parameters, load_config, parse_config
+from tickfix.registry import Offer, Registry
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ REGISTRY = Registry(Offer(cls.kind, cls.name, cls, "test", "test", "1") for cls 
 
 
 def read(text: str) -> Config:
-    return parse(text, "my.toml", REGISTRY)
+    return parse_config(text, "my.toml", REGISTRY)
 
 
 def pipeline(fingerprint: str, *, filter_: str = '"last"') -> Config:
@@ -156,7 +156,7 @@ def test_a_model_serves_all_choices_that_training_does_not_tell_apart() -> None:
 def test_stages_chosen_alike_are_built_once() -> None:
     text = "".join(f'[pipelines.{name}]\nfingerprint = "near"\nfilter = "last"\nmap = "plain"\n' for name in "ab")
     floors = {name: Floor(name=name) for name in ("F1", "F2")}
-    a, b = build(read(text).pipelines, Context(floors=floors), {})
+    a, b = build_pipelines(read(text).pipelines, Context(floors=floors), {})
     assert a.fingerprint is not None
     assert b.fingerprint is not None
     assert a.fingerprint.algorithm is b.fingerprint.algorithm
@@ -168,11 +168,11 @@ def test_stages_chosen_alike_are_built_once() -> None:
 def test_an_algorithm_that_cannot_be_built_is_named_with_its_pipeline() -> None:
     config = read('[pipelines.a]\nfingerprint = "near"\nfilter = "last"\nmap = "plain"\n')
     with pytest.raises(PluginError, match="map 'plain' in pipeline 'a': cannot be built: ValueError: it is dark"):
-        build(config.pipelines, Context(floors={"attic": Floor(name="attic")}), {})
+        build_pipelines(config.pipelines, Context(floors={"attic": Floor(name="attic")}), {})
 
 
 def test_parameters_are_described_for_people() -> None:
-    k, reach, mode, mirror = describe(Near)
+    k, reach, mode, mirror = describe_parameters(Near)
     assert (k.name, k.type, k.default, k.doc, k.trains) == ("k", "integer ≥ 1 and ≤ 9", 5, "neighbours", True)
     assert (reach.unit, reach.source, reach.type) == ("m", "eq. (1)", "number > 0")
     assert mode.type == "one of 'a', 'b'"
@@ -188,7 +188,7 @@ def test_only_keeps_the_order_of_the_file_and_knows_the_names() -> None:
 
 def test_a_file_that_is_not_there_is_an_error_of_the_configuration(tmp_path: Any) -> None:
     with pytest.raises(ConfigError, match=r"none.toml: found no readable file"):
-        load(tmp_path / "none.toml", REGISTRY)
+        load_config(tmp_path / "none.toml", REGISTRY)
 
 
 @dataclass(frozen=True)

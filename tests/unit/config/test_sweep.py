@@ -9,8 +9,8 @@ import pytest
 
 from tickfix.api import BaseFilter, BaseFingerprint, ConfigError, parameter
 from tickfix.api import Stateless as Empty
-from tickfix.config import Config, parse
-from tickfix.plugins import Offer, Registry
+from tickfix.config import Config, parse_config
+from tickfix.registry import Offer, Registry
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ REGISTRY = Registry(Offer(cls.kind, cls.name, cls, "test", "test", "1") for cls 
 
 
 def swept(fingerprint: str, filter_: str = '"last"') -> Config:
-    return parse(f"[pipelines.a]\nfingerprint = {fingerprint}\nfilter = {filter_}\n", "my.toml", REGISTRY)
+    return parse_config(f"[pipelines.a]\nfingerprint = {fingerprint}\nfilter = {filter_}\n", "my.toml", REGISTRY)
 
 
 def names(config: Config) -> list[str]:
@@ -129,4 +129,4 @@ def test_two_pipelines_of_one_name_are_refused() -> None:
     text = '[pipelines.a]\nfingerprint = { use = "near", k = [3] }\nfilter = "last"\n'
     text += '[pipelines."a[k=3]"]\nfingerprint = "near"\nfilter = "last"\n'
     with pytest.raises(ConfigError, match=r"two pipelines called 'a\[k=3\]'"):
-        parse(text, "my.toml", REGISTRY)
+        parse_config(text, "my.toml", REGISTRY)

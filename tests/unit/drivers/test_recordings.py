@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 import pytest
 
 from tickfix.api import Floor, ReaderError, Recording
-from tickfix.drivers.recordings import find, read_all
-from tickfix.plugins import Offer, Registry
+from tickfix.registry import Offer, Registry
+from tickfix.replay.recording_files import find_recordings, read_recordings
 
 
 class Texts:
@@ -63,18 +63,18 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_a_file_named_twice_is_taken_once_in_the_order_given(folder: Path) -> None:
-    found = find([folder / "b.txt", folder], registry(Texts))
+    found = find_recordings([folder / "b.txt", folder], registry(Texts))
     assert [source.path.name for source in found.sources] == ["b.txt", "a.txt"]
 
 
 def test_our_own_reader_comes_first_then_the_first_by_name(folder: Path) -> None:
-    names = {s.path.name: s.name for s in find([folder], registry(Texts, Everything, own=Texts)).sources}
+    names = {s.path.name: s.name for s in find_recordings([folder], registry(Texts, Everything, own=Texts)).sources}
     assert names == {"a.txt": "texts", "b.txt": "texts", "c.csv": "everything"}
-    assert {s.name for s in find([folder], registry(Texts, Everything)).sources} == {"everything"}
+    assert {s.name for s in find_recordings([folder], registry(Texts, Everything)).sources} == {"everything"}
 
 
 def test_a_reader_that_fails_is_named_and_the_others_read(folder: Path) -> None:
-    found = find([folder], registry(Broken, Texts))
+    found = find_recordings([folder], registry(Broken, Texts))
     assert len(found.sources) == 2
     (problem,) = found.problems
     assert "reader 'broken' failed on" in problem
@@ -83,17 +83,17 @@ def test_a_reader_that_fails_is_named_and_the_others_read(folder: Path) -> None:
 
 def test_nothing_there_and_nothing_recognised_are_errors(folder: Path) -> None:
     with pytest.raises(ReaderError, match="no such file or folder"):
-        find([folder / "none"], registry(Texts))
+        find_recordings([folder / "none"], registry(Texts))
     with pytest.raises(ReaderError, match=r"no recording that a reader recognises \(readers: texts\)"):
-        find([folder / "c.csv"], registry(Texts))
+        find_recordings([folder / "c.csv"], registry(Texts))
 
 
 def test_a_recording_that_cannot_be_read_gives_its_error_in_its_place(tmp_path: Path) -> None:
     for name in ("a", "bad", "c", "worse"):
         (tmp_path / f"{name}.txt").write_text("x", encoding="utf-8")
     seen: list[tuple[str, int, int]] = []
-    found = find([tmp_path], registry(Texts))
-    a, bad, c, worse = read_all(found.sources, lambda *step: seen.append(step), processes=1)
+    found = find_recordings([tmp_path], registry(Texts))
+    a, bad, c, worse = read_recordings(found.sources, lambda *step: seen.append(step), processes=1)
     assert isinstance(a, Recording)
     assert isinstance(c, Recording)
     assert str(bad).endswith("bad.txt: is bad")

@@ -6,17 +6,17 @@ import numpy as np
 
 from tickfix import config
 from tickfix.api import TICK_NS, Context, Fix, MotionSamples, Recording, Samples
-from tickfix.drivers.replay import Replayed, replay
-from tickfix.plugins import discover
+from tickfix.registry import discover
+from tickfix.replay.driver import ReplayResult, replay_recording
 
 T0, SECOND, MINUTES = 1_000_000_000, 1_000_000_000, 25
 
 
-def replayed(batches: list[MotionSamples]) -> Replayed:
-    chosen = config.parse('[pipelines.p]\npdr = "steps"\nfilter = "dead-reckoning"', "test", discover())
+def replayed(batches: list[MotionSamples]) -> ReplayResult:
+    chosen = config.parse_config('[pipelines.p]\npdr = "steps"\nfilter = "dead-reckoning"', "test", discover())
     start = Fix(t_ns=T0, floor="F", xy=np.zeros(2), covariance=np.eye(2))
     recording = Recording(name="walk", floor="F", events=tuple(batches))
-    return replay(recording, config.build(chosen.pipelines, Context(), {}), start=start)
+    return replay_recording(recording, config.build_pipelines(chosen.pipelines, Context(), {}), start=start)
 
 
 def test_a_walk_in_one_batch_is_the_walk_in_seconds() -> None:

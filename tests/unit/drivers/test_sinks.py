@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tickfix.api import API_VERSION, Belief, Component, Estimate, Status, hooks
-from tickfix.drivers import plugin
-from tickfix.drivers.sinks import GeoJsonSink, JsonLinesSink
+from tickfix.sinks import plugin
+from tickfix.sinks.file_sinks import GeoJsonSink, JsonLinesSink
 
 BELIEF = Belief(
     floor="F1",
@@ -82,7 +82,7 @@ def test_a_line_says_all_that_the_estimate_says(tmp_path: Path) -> None:
             "motion_age_ns": 5,
             "observation_age_ns": None,
             "innovation_m": None,
-            "gate": None,
+            "nis": None,
             "failed_by": "",
             "reasons": ["recovered"],
             "floor": "F1",
@@ -110,17 +110,17 @@ def test_certainty_about_the_floor_is_written_out(tmp_path: Path) -> None:
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
 @given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
-def test_floats_are_written_in_full(tmp_path: Path, x: float, gate: float) -> None:
-    line = lines(tmp_path / "out.jsonl", [replace(at(1, x), gate=gate)])[0]
-    assert np.array([line["x_m"], line["gate"]]).tobytes() == np.array([x, gate]).tobytes()
+def test_floats_are_written_in_full(tmp_path: Path, x: float, nis: float) -> None:
+    line = lines(tmp_path / "out.jsonl", [replace(at(1, x), nis=nis)])[0]
+    assert np.array([line["x_m"], line["nis"]]).tobytes() == np.array([x, nis]).tobytes()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite_never_reach_json(tmp_path: Path, bad: float) -> None:
     belief = replace(BELIEF, covariance=np.full((2, 2), bad), floor_probabilities=(("F1", bad),), speed_mps=bad)
-    odd = replace(ESTIMATE, belief=belief, gate=np.float64(bad))
+    odd = replace(ESTIMATE, belief=belief, nis=np.float64(bad))
     line = lines(tmp_path / "out.jsonl", [odd, at(2, bad)])
-    assert line[0]["gate"] is None
+    assert line[0]["nis"] is None
     assert line[0]["covariance_m2"] == [[None, None], [None, None]]
     assert line[1]["x_m"] is None
     points = features(tmp_path / "out.geojson", [odd, at(2, bad)], "Point")
@@ -128,7 +128,7 @@ def test_numbers_that_are_not_finite_never_reach_json(tmp_path: Path, bad: float
 
 
 def test_numpy_scalars_are_written_as_numbers(tmp_path: Path) -> None:
-    odd = replace(ESTIMATE, gate=np.float64(1.5), tick=np.int64(7))  # type: ignore[arg-type]
+    odd = replace(ESTIMATE, nis=np.float64(1.5), tick=np.int64(7))  # type: ignore[arg-type]
     assert lines(tmp_path / "out.jsonl", [odd])[0]["tick"] == 7
 
 

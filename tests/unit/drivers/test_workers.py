@@ -8,14 +8,14 @@ import sys
 import pytest
 
 from tickfix.api import ReaderError, TickfixError
-from tickfix.drivers.workers import spread
+from tickfix.replay.process_pool import parallel_map
 
 # In a process of its own: forking belongs into a program with one thread, which a test runner is not.
 SCRIPT = """
 from types import MappingProxyType
 import numpy as np
 from tickfix.api import ConfigError, TickfixError
-from tickfix.drivers.workers import spread
+from tickfix.replay.process_pool import spread
 
 offset = np.arange(3.0)
 
@@ -51,5 +51,5 @@ def test_one_process_keeps_the_error_as_it_is() -> None:
         raise ReaderError(f"no {item}")
 
     with pytest.raises(ReaderError, match="no 1") as caught:
-        list(spread(fail, [1, 2], processes=1))
+        list(parallel_map(fail, [1, 2], processes=1))
     assert isinstance(caught.value, TickfixError)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tickfix.api import TICK_NS, Belief, Estimate, Recording, Status, Truth
-from tickfix.drivers.replay import Replayed
-from tickfix.evaluation.comparison.outcome import outcomes
-from tickfix.evaluation.comparison.trial import Trial
-from tickfix.evaluation.coverage import Coverage
-from tickfix.evaluation.metrics.cost import Cost
-from tickfix.evaluation.track import Track
+from tickfix.evaluation.comparison.trial_outcomes import trial_outcomes
+from tickfix.evaluation.comparison.trials import Trial
+from tickfix.evaluation.scoring import Coverage
+from tickfix.evaluation.track_metrics import StageCost
+from tickfix.evaluation.tracks import Track
+from tickfix.replay.driver import ReplayResult
 
 Place = tuple[float, float] | None
 TrackOf = Callable[..., Track]
@@ -66,7 +66,7 @@ def trial_of(track_of: TrackOf) -> TrialOf:
         walk: str,
         *,
         seed: int = 0,
-        ground: str = "site",
+        site: str = "site",
         floor: str = "F1",
         began_ns: int = 0,
         every: int = 1,
@@ -77,25 +77,25 @@ def trial_of(track_of: TrackOf) -> TrialOf:
             Truth(t_ns=began_ns + k * TICK_NS, floor=floor, xy=np.array([float(k), 0.0]))
             for k in range(1, count + 1, every)
         ]
-        said = {
+        timed_estimates = {
             name: [
                 (replace(estimate, t_ns=began_ns + estimate.t_ns), began_ns + closed_ns)
                 for estimate, closed_ns in zip(track, track.closed_ns.tolist(), strict=True)
             ]
             for name, track in ((name, track_of(where, pipeline=name)) for name, where in places.items())
         }
-        replayed = Replayed(
+        replayed = ReplayResult(
             recording=Recording(name=walk, floor=floor, events=tuple(truth)),
-            published=said,
-            settled={name: [estimate for estimate, _ in pairs] for name, pairs in said.items()},
+            published=timed_estimates,
+            settled={name: [estimate for estimate, _ in pairs] for name, pairs in timed_estimates.items()},
             fixes={},
             intake={"accepted": 10},
             measurements={},
             failures={},
         )
-        costs = {name: Cost(filter_ns=2000 * count, ticks=count) for name in places}
+        costs = {name: StageCost(filter_ns=2000 * count, ticks=count) for name in places}
         surveyed = Coverage([("F1", np.array([[0.0, 0.0], [3.0, 0.0]]))])
-        kept = outcomes(replayed, costs, surveyed, {}, {"F1": 1})
-        return Trial(ground=ground, walk=walk, seed=seed, sha256=walk, path=walk, outcomes=kept)
+        kept = trial_outcomes(replayed, costs, surveyed, {}, {"F1": 1})
+        return Trial(site=site, walk=walk, seed=seed, sha256=walk, path=walk, outcomes=kept)
 
     return build

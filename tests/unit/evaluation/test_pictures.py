@@ -13,10 +13,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from tickfix.api import TICK_NS, Fix, Floor, Truth
-from tickfix.evaluation.animation import animate_walk
-from tickfix.evaluation.pictures import REGION_95, draw_cdf, draw_walk
-from tickfix.evaluation.plan import crop
-from tickfix.evaluation.style import lines, printable
+from tickfix.evaluation.pictures import REGION_95, animate_walk, crop, draw_cdf, draw_walk
+from tickfix.evaluation.theme import line_styles, printable
 
 BOX = np.array([[0.0, 0.0], [40.0, 0.0], [40.0, 30.0], [0.0, 30.0], [0.0, 0.0]])
 HOLE = BOX * 0.3 + 10.0
@@ -72,9 +70,9 @@ def test_beliefs_with_infinite_or_no_uncertainty_are_drawn(tmp_path: Path, track
 
 def test_more_pipelines_than_colours_are_drawn(tmp_path: Path, track_of: Any) -> None:
     draw_walk(FLOOR, TRUTH, {f"p{i}": track_of(WAY) for i in range(9)}, [], tmp_path / "walk.png", regions_of="p1")
-    assert len(lines(9)) == 9
-    assert lines(9)[-1].dashes == "solid"
-    assert len({line.color for line in lines(6)}) == 6
+    assert len(line_styles(9)) == 9
+    assert line_styles(9)[-1].dashes == "solid"
+    assert len({line.color for line in line_styles(6)}) == 6
 
 
 def test_a_region_of_a_pipeline_that_is_not_there_is_refused_by_name(tmp_path: Path, tracks: Any) -> None:

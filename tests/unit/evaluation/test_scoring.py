@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tickfix.api import TICK_NS, Truth
-from tickfix.evaluation.coverage import Coverage
-from tickfix.evaluation.scoring import WalkScore, belief_at, score_walk
+from tickfix.evaluation.scoring import Coverage, WalkScore, belief_at, score_walk
 
 NOWHERE = Coverage([])
 POINTS = st.tuples(st.floats(-100, 100), st.floats(-100, 100))

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tickfix.api import Belief, Component, Estimate, EventError, Status
-from tickfix.evaluation.track import Track, digest, pooled_digest
+from tickfix.evaluation.tracks import Track, digest, pooled_digest
 
 GAUSSIAN = Component(weight=0.25, floor="F2", xy=np.array([5.0, 6.0]), covariance=np.eye(2))
 BELIEF = Belief(
@@ -37,7 +37,7 @@ ESTIMATE = Estimate(
     motion_age_ns=10,
     observation_age_ns=20,
     innovation_m=1.5,
-    gate=2.5,
+    nis=2.5,
     reasons=("recovered",),
 )
 
@@ -70,7 +70,7 @@ CHANGED = {
     "motion_age_ns": replace(ESTIMATE, motion_age_ns=None),
     "observation_age_ns": replace(ESTIMATE, observation_age_ns=21),
     "innovation_m": replace(ESTIMATE, innovation_m=next_bit(1.5)),
-    "gate": replace(ESTIMATE, gate=next_bit(2.5)),
+    "nis": replace(ESTIMATE, nis=next_bit(2.5)),
     "failed_by": replace(ESTIMATE, failed_by="pdr"),
     "reasons": replace(ESTIMATE, reasons=()),
     "belief.floor": with_belief(floor="F2"),
@@ -110,13 +110,13 @@ def test_the_digest_is_free_of_the_pipelines_name_the_revision_and_the_time_of_c
 @given(st.floats(allow_nan=False, width=64), st.floats(allow_nan=False, width=64))
 def test_two_floats_have_one_digest_only_if_their_bytes_are_equal(a: float, b: float) -> None:
     same = struct.pack("<d", a) == struct.pack("<d", b)
-    assert (digest(one(replace(ESTIMATE, gate=a))) == digest(one(replace(ESTIMATE, gate=b)))) is same
+    assert (digest(one(replace(ESTIMATE, nis=a))) == digest(one(replace(ESTIMATE, nis=b)))) is same
 
 
 def test_a_numpy_number_and_an_integer_metre_have_the_digest_of_the_plain_float() -> None:
-    plain = digest(one(replace(ESTIMATE, gate=2.0, motion_age_ns=7)))
-    assert digest(one(replace(ESTIMATE, gate=np.float64(2.0), motion_age_ns=np.int64(7)))) == plain  # type: ignore[arg-type]
-    assert digest(one(replace(ESTIMATE, gate=2, motion_age_ns=7))) == plain
+    plain = digest(one(replace(ESTIMATE, nis=2.0, motion_age_ns=7)))
+    assert digest(one(replace(ESTIMATE, nis=np.float64(2.0), motion_age_ns=np.int64(7)))) == plain  # type: ignore[arg-type]
+    assert digest(one(replace(ESTIMATE, nis=2, motion_age_ns=7))) == plain
 
 
 def test_the_digest_of_a_track_without_ticks_is_that_of_no_bytes() -> None:
@@ -125,7 +125,7 @@ def test_the_digest_of_a_track_without_ticks_is_that_of_no_bytes() -> None:
 
 
 def test_the_digest_depends_on_the_order_of_what_was_said() -> None:
-    first, second = replace(ESTIMATE, gate=1.0), replace(ESTIMATE, gate=2.0)
+    first, second = replace(ESTIMATE, nis=1.0), replace(ESTIMATE, nis=2.0)
     tracks = [
         Track(pipeline="p", device="d", estimates=(a, replace(b, tick=4)), closed_ns=np.array([1, 2]))
         for a, b in ((first, second), (second, first))

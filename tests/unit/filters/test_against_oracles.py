@@ -12,13 +12,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.api import TICK_NS, Belief, Context, Fix, Motion, Observation, Prior, displacement
+from tickfix.toolkit.particles import systematic_resample
 from tickfix_filters.fusion_pf import FusionPf
 from tickfix_filters.kalman import Kalman
-from tickfix_filters.resampling import systematic
 
-INDEPENDENT = {"remembered": 0.0, "freedom": 1e12, "correlation_s": 1e-3}
+INDEPENDENT = {"error_correlation": 0.0, "student_t_dof": 1e12, "correlation_time_s": 1e-3}
 """Errors of fixes as textbooks have them: Gaussian, each for itself."""
-EVERY = {"renewed": 0.0, "renewed_lost": 0.0, "astray_m": 1e6, "scatter_m": 1e6, "centre": "mean"}
+EVERY = {
+    "injection_rate": 0.0,
+    "injection_rate_lost": 0.0,
+    "reset_distance_m": 1e6,
+    "initial_sigma_m": 1e6,
+    "point_estimate": "mean",
+}
 """Particles that never begin anew."""
 FIRST = Fix(t_ns=0, floor="F", xy=np.array([1.0, -2.0]), covariance=9.0 * np.eye(2))
 Tick = tuple[Motion, Fix | None]
@@ -139,7 +145,7 @@ def test_kalman_promises_what_it_keeps() -> None:
 def test_systematic_resampling_is_unbiased_and_off_by_less_than_one(raw: list[float]) -> None:
     weights = np.array(raw) / np.sum(raw)
     n, rng = len(weights), np.random.default_rng(0)
-    counts = np.array([np.bincount(systematic(weights, rng), minlength=n) for _ in range(400)])
+    counts = np.array([np.bincount(systematic_resample(weights, rng), minlength=n) for _ in range(400)])
     assert (np.abs(counts - n * weights) <= 1.0 + 1e-9).all()
     np.testing.assert_allclose(counts.mean(axis=0), n * weights, atol=5 * 0.5 / np.sqrt(400))
     assert not counts[:, weights == 0.0].any() or weights[-1] == 0.0

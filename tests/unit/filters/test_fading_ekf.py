@@ -9,8 +9,7 @@ import pytest
 from walks import errors, fixes, fold, walk
 
 from tickfix.api import TICK_NS, Context, Fix, Motion
-from tickfix_filters.fading import begin, carry, correct
-from tickfix_filters.fading_ekf import FadingEkf, FadingEkfParams
+from tickfix_filters.fading_ekf import FadingEkf, FadingEkfParams, accumulate_motion, begin, correct
 
 GROSS = {200: (10.0, 0.0), 300: (10.0, 0.0), 400: (0.0, 10.0)}  # [wang2015] table 5: at 40, 60 and 80 s
 
@@ -28,7 +27,7 @@ def test_without_fading_and_heading_it_is_a_plain_kalman_filter(every: int) -> N
     rng = np.random.default_rng(1)
     motions, places = walk(40.0, lambda t: 0.7)
     seen = fixes(places, rng, 2.0, every)
-    plain = ekf(fading="off", crawl_mps=100.0)  # always slower than that: no heading row
+    plain = ekf(fading="off", min_heading_speed_mps=100.0)  # always slower than that: no heading row
     folded = fold(plain, motions, seen, rng)
     t, p = 0.2 * every, plain.params
     A = np.eye(4) + t * np.eye(4, k=2)
@@ -50,16 +49,16 @@ def test_lambda_is_the_ratio_of_the_traces_of_the_place() -> None:
     params = FadingEkfParams(delta_s_m=100.0)
     state = begin(np.zeros(2), np.eye(2), params)
     north = Motion(t0_ns=0, t1_ns=10 * TICK_NS, distance_m=0.0, heading_rad=0.0)
-    after, _ = correct(carry(state, north), np.array([6.0, 8.0]), np.eye(2), params)
+    after, _ = correct(accumulate_motion(state, north), np.array([6.0, 8.0]), np.eye(2), params)
     # P = I, v = 0 with σ 1 m/s, t = 2 s: M = (1 + 4)·I, H Q Hᵀ = 0.25·4·I, R = I, Σ_V̄ = v vᵀ.
-    assert after.fade == pytest.approx((100.0 - 2.0 - 2.0) / 10.0)
+    assert after.lam == pytest.approx((100.0 - 2.0 - 2.0) / 10.0)
 
 
 def test_lambda_by_the_pseudo_inverse_divides_by_the_rank() -> None:
     params = FadingEkfParams(delta_s_m=100.0, fading="pinv")
     state = begin(np.zeros(2), np.eye(2), params)
     north = Motion(t0_ns=0, t1_ns=10 * TICK_NS, distance_m=0.0, heading_rad=0.0)
-    after, _ = correct(carry(state, north), np.array([6.0, 8.0]), np.eye(2), params)
+    after, _ = correct(accumulate_motion(state, north), np.array([6.0, 8.0]), np.eye(2), params)
     t = 2.0
     H = np.vstack([np.eye(4)[[0, 1]], t * np.eye(4)[[3, 2]]])
     A = np.eye(4) + t * np.eye(4, k=2)
@@ -68,29 +67,29 @@ def test_lambda_by_the_pseudo_inverse_divides_by_the_rank() -> None:
     N = np.outer(v, v) - H @ (0.25 * G @ G.T) @ H.T - np.diag([1.0, 1.0, 0.25, 0.25])
     M = H @ A @ A.T @ H.T
     assert np.linalg.matrix_rank(M) == 4
-    assert after.fade == pytest.approx(np.trace(N @ np.linalg.inv(M)) / 4)
+    assert after.lam == pytest.approx(np.trace(N @ np.linalg.inv(M)) / 4)
 
 
 def test_lambda_stays_one_while_residuals_are_as_expected_and_when_the_test_fails() -> None:
     params = FadingEkfParams()
     state = begin(np.zeros(2), np.eye(2), params)
-    moved = carry(state, Motion(t0_ns=0, t1_ns=10 * TICK_NS, distance_m=1.0, heading_rad=0.0))
-    assert correct(moved, np.array([0.0, 1.0]), np.eye(2), params)[0].fade == 1.0
+    moved = accumulate_motion(state, Motion(t0_ns=0, t1_ns=10 * TICK_NS, distance_m=1.0, heading_rad=0.0))
+    assert correct(moved, np.array([0.0, 1.0]), np.eye(2), params)[0].lam == 1.0
     bad, outcome = correct(moved, np.array([0.0, 30.0]), np.eye(2), params)
     assert outcome.go_and_back
     assert outcome.used
-    assert bad.fade == 1.0
+    assert bad.lam == 1.0
 
 
 def test_the_heading_row_wraps_and_is_left_out_near_standstill() -> None:
     params = FadingEkfParams(fading="off")
     state = replace(begin(np.zeros(2), np.eye(2), params), X=np.array([0.0, 0.0, -1.0, 0.01]))
     south = Motion(t0_ns=0, t1_ns=5 * TICK_NS, distance_m=1.0, heading_rad=-np.pi + 0.01)
-    after, _ = correct(carry(state, south), np.array([0.0, -1.0]), np.eye(2), params)
+    after, _ = correct(accumulate_motion(state, south), np.array([0.0, -1.0]), np.eye(2), params)
     assert after.X[2:] == pytest.approx([-1.0, 0.0], abs=0.03)
     still = replace(state, X=np.array([0.0, 0.0, 0.01, 0.0]))
     east = Motion(t0_ns=0, t1_ns=5 * TICK_NS, distance_m=0.0, heading_rad=1.5)
-    rested, _ = correct(carry(still, east), np.zeros(2), np.eye(2), params)
+    rested, _ = correct(accumulate_motion(still, east), np.zeros(2), np.eye(2), params)
     assert abs(rested.X[3]) < 1e-12
 
 
@@ -104,9 +103,9 @@ def gross_errors(seed: int, **params: object) -> np.ndarray:
 
 def test_three_gross_errors_hurt_as_in_table_6_and_not_when_such_fixes_are_dropped() -> None:
     kept = np.mean([gross_errors(seed) for seed in range(10)])
-    dropped = np.mean([gross_errors(seed, reject_go_and_back=True) for seed in range(10)])
+    rejected_fixes = np.mean([gross_errors(seed, reject_go_and_back=True) for seed in range(10)])
     assert 2.0 < kept < 6.0  # the paper's WPO: 3.1 to 4.8 m
-    assert dropped < 1.5
+    assert rejected_fixes < 1.5
 
 
 def test_a_bad_fix_and_the_one_after_it_fail_the_test_and_no_other() -> None:
@@ -121,7 +120,7 @@ def test_a_bad_fix_and_the_one_after_it_fail_the_test_and_no_other() -> None:
 def test_fixes_that_always_fail_the_test_do_not_lock_the_filter_out() -> None:
     motions, places = walk(60.0, turning)
     seen = fixes(places, np.random.default_rng(0), 8.0)
-    wpo = ekf(reject_go_and_back=True, patience=3)
+    wpo = ekf(reject_go_and_back=True, max_rejected_fixes=3)
     used = [
         report.used for k, (_, report) in enumerate(fold(wpo, motions, seen, np.random.default_rng(0))) if k in seen
     ]

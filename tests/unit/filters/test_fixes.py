@@ -22,8 +22,8 @@ def fix(x: float, floor: str = "F") -> Fix:
 def test_a_fix_behind_a_wall_is_corrected_only_where_that_is_asked_for() -> None:
     image = Image(ImageParams(), Context(floor=FLOOR))
     context = Context(maps=MappingProxyType({"F": image}))
-    plain, matched = Fixes(FixesParams(), context), Fixes(FixesParams(matched=True), context)
-    for filter_, expected in ((plain, fix(5.0).xy), (matched, image.snap(fix(3.0).xy, fix(5.0).xy))):
+    plain, map_matching = Fixes(FixesParams(), context), Fixes(FixesParams(map_matching=True), context)
+    for filter_, expected in ((plain, fix(5.0).xy), (map_matching, image.snap(fix(3.0).xy, fix(5.0).xy))):
         state, _ = filter_.update(filter_.begin(fix(3.0), RNG), fix(5.0), RNG)
         np.testing.assert_array_equal(filter_.estimate(state).xy, expected)
     assert image.snap(fix(3.0).xy, fix(5.0).xy)[0] < 4.0
@@ -31,15 +31,15 @@ def test_a_fix_behind_a_wall_is_corrected_only_where_that_is_asked_for() -> None
 
 def test_a_correction_comes_from_the_last_place_as_it_was_corrected() -> None:
     image = Image(ImageParams(), Context(floor=FLOOR))
-    matched = Fixes(FixesParams(matched=True), Context(maps=MappingProxyType({"F": image})))
-    first = matched.begin(fix(3.0), RNG)
-    second, _ = matched.update(first, fix(5.0), RNG)
-    third, _ = matched.update(second, fix(5.0), RNG)
+    map_matching = Fixes(FixesParams(map_matching=True), Context(maps=MappingProxyType({"F": image})))
+    first = map_matching.begin(fix(3.0), RNG)
+    second, _ = map_matching.update(first, fix(5.0), RNG)
+    third, _ = map_matching.update(second, fix(5.0), RNG)
     np.testing.assert_array_equal(third.xy, image.snap(second.xy, fix(5.0).xy))
     assert third.xy[0] < 4.0
 
 
 def test_without_a_map_or_on_a_floor_without_one_fixes_stay() -> None:
-    matched = Fixes(FixesParams(matched=True), Context())
-    state, report = matched.update(matched.begin(fix(3.0), RNG), fix(5.0, "G"), RNG)
+    map_matching = Fixes(FixesParams(map_matching=True), Context())
+    state, report = map_matching.update(map_matching.begin(fix(3.0), RNG), fix(5.0, "G"), RNG)
     assert (state.floor, state.xy.tolist(), report.innovation_m) == ("G", [5.0, 3.0], None)

@@ -31,9 +31,9 @@ class TwoCorridors:
 
 
 MAPPED = Context(maps={"F": TwoCorridors()})
-NEVER = {"astray_m": 1e6}
+NEVER = {"reset_distance_m": 1e6}
 # Walls count in full, however poor the fixes, and no particle begins in the other corridor.
-KEPT = {"surveyed_m": 1e6, "scatter_m": 8.0}
+KEPT = {"reference_sigma_m": 1e6, "initial_sigma_m": 8.0}
 
 
 def north(t_s: float) -> float:
@@ -69,7 +69,7 @@ def test_walls_do_not_keep_a_start_that_poor_fixes_made_wrong() -> None:
     motions, places = walk(40.0, north)
     pf = FusionPf(FusionPfParams(**NEVER), MAPPED)
     folded = fold(pf, motions, from_where_nobody_surveyed(places), np.random.default_rng(5))
-    assert folded[-1][0].trust == pytest.approx(5.0 / 15.0)
+    assert folded[-1][0].fix_quality == pytest.approx(5.0 / 15.0)
     off = errors(pf, folded, places)
     assert off[:50].min() > 15.0
     assert off[100:].mean() < 5.0
@@ -86,7 +86,7 @@ def test_what_begins_anew_says_so_and_still_faces_the_same_way() -> None:
     assert report.used == 1
     assert state.heading_rad == folded[anew[0] - 1][0].heading_rad
     assert state.motion is not None
-    assert np.hypot(*state.astray) == 0.0
+    assert np.hypot(*state.mean_fix_offset) == 0.0
     assert state.bias_rad.std() == pytest.approx(state.motion.heading_rad, rel=0.2)
 
 

@@ -10,7 +10,7 @@ from walks import walk
 
 from tickfix.api import TICK_NS, Context, Fix, Motion, Observation, Prior
 from tickfix.testing import FilterContract
-from tickfix_filters.fusion_params import FusionPfParams
+from tickfix_filters.fusion_model import FusionPfParams
 from tickfix_filters.fusion_pf import FusionPf
 
 FIRST = Fix(t_ns=0, floor="F", xy=[1.0, -2.0], covariance=0.6 * np.eye(2))
@@ -91,4 +91,4 @@ def test_a_fix_far_away_leaves_finite_weights_and_draws_the_particles_towards_it
 
 def test_motion_can_weigh_only_if_it_is_said_how_sharply() -> None:
     with pytest.raises(ValueError, match="fix_sigma_m: found 0"):
-        FusionPfParams(without_fix="motion")
+        FusionPfParams(weight_without_fix="motion")

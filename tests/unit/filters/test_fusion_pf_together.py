@@ -9,12 +9,12 @@ import pytest
 
 from tickfix.api import TICK_NS, Context, Fix, Motion, Observation, pack
 from tickfix.testing import world
-from tickfix_filters.floors import OnFloor
+from tickfix.toolkit.fix_errors import OnFloor
+from tickfix.toolkit.particles import normal_pairs
+from tickfix_filters.fusion_model import Particles, batches
 from tickfix_filters.fusion_pf import FusionPf, FusionPfParams
-from tickfix_filters.fusion_state import Particles, batches
-from tickfix_filters.normals import normal_pairs
 
-MAPPED = world.context(maps=world.plain_maps())
+MAPPED = world.context(maps=world.reference_maps())
 STEP = Motion(t0_ns=0, t1_ns=TICK_NS, distance_m=0.3, heading_rad=0.4, distance_sigma_m=0.05, steps=1)
 
 

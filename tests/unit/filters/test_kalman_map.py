@@ -124,7 +124,7 @@ def test_between_fixes_it_tells_the_prediction_and_keeps_the_state() -> None:
 
 
 def test_it_does_not_walk_on_for_ever_when_fixes_end() -> None:
-    kmf = KalmanMap(KalmanMapParams(extrapolated_s=5.0), Context())
+    kmf = KalmanMap(KalmanMapParams(max_extrapolation_s=5.0), Context())
     state, _ = run(kmf, [fix(0, 0, 0), fix(2, 2, 0), fix(4, 4, 0)])
     later = kmf.predict(state, Motion.unknown(state.now_ns, state.now_ns + 60_000_000_000), RNG)
     assert kmf.estimate(later).xy == pytest.approx(state.x[:2] + 5.0 * state.x[2:])
@@ -136,12 +136,12 @@ def test_two_fixes_of_one_instant_and_one_that_is_older_are_folded_without_time_
     once, _ = kmf.update(state, fix(2, 1, 1), RNG)
     twice, _ = kmf.update(once, fix(1, 1, 1), RNG)
     assert np.trace(twice.p) < np.trace(once.p) < np.trace(state.p)
-    assert twice.fixed_ns == state.fixed_ns
+    assert twice.last_fix_ns == state.last_fix_ns
 
 
 def test_it_follows_to_another_floor_once_several_fixes_say_so() -> None:
     kmf = KalmanMap(KalmanMapParams(), Context())
     state, reports = run(kmf, [fix(0, 0, 0), *(fix(s, 9, 9, "G") for s in (1, 2, 3))])
-    assert state.on.floor == "G"
+    assert state.hysteresis.floor == "G"
     assert state.x[:2].tolist() == [9.0, 9.0]
     assert [r.gated for r in reports if r.used or r.gated] == [1, 1, 0]

@@ -9,7 +9,7 @@ from walks import errors, fixes, fold, walk
 from tickfix.api import Context, Floats
 from tickfix_filters.kalman_reckoning import KalmanReckoning, KalmanReckoningParams
 
-PARAMS = KalmanReckoningParams(acceleration_mps2=0.7, place_sigma_m=0.4, speed_sigma_mps=0.9)
+PARAMS = KalmanReckoningParams(acceleration_mps2=0.7, position_sigma_m=0.4, speed_sigma_mps=0.9)
 
 
 def least_squares(places: Floats, p: KalmanReckoningParams) -> Floats:
@@ -19,14 +19,14 @@ def least_squares(places: Floats, p: KalmanReckoningParams) -> Floats:
     A[[0, 1], [2, 3]] = T
     G[[0, 1, 2, 3], [0, 1, 0, 1]] = [T**2 / 2, T**2 / 2, T, T]
     X = np.eye(4, 4 + 2 * n)
-    first = [p.place_sigma_m] * 2 + [p.speed_sigma_mps] * 2
+    first = [p.position_sigma_m] * 2 + [p.speed_sigma_mps] * 2
     rows, values = [X / np.array(first)[:, None]], [np.array([*places[0], 0.0, 0.0]) / first]
     for k in range(n):
         a = np.zeros((2, 4 + 2 * n))
         a[:, 4 + 2 * k : 6 + 2 * k] = np.eye(2)
         X = A @ X + G @ a
-        rows += [a / p.acceleration_mps2, X[:2] / p.place_sigma_m]
-        values += [np.zeros(2), places[k + 1] / p.place_sigma_m]
+        rows += [a / p.acceleration_mps2, X[:2] / p.position_sigma_m]
+        values += [np.zeros(2), places[k + 1] / p.position_sigma_m]
     unknown: Floats = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values))[0]
     return X @ unknown
 

@@ -9,8 +9,7 @@ import pytest
 from walks import errors, fixes, fold, walk
 
 from tickfix.api import TICK_NS, Bools, Context, Fix, Floats, Motion, Observation
-from tickfix_filters.fading import extrapolated
-from tickfix_filters.fading_ekf import FadingEkf, FadingEkfParams
+from tickfix_filters.fading_ekf import FadingEkf, FadingEkfParams, extrapolate
 from tickfix_filters.map_pf import MapParticles, MapPf, MapPfParams
 
 GROSS = {200: (10.0, 0.0), 300: (-10.0, 0.0), 400: (10.0, 0.0)}
@@ -50,9 +49,9 @@ def test_without_a_map_many_particles_are_the_kalman_filter_of_the_ekfs_places()
     for k, (state, _) in enumerate(folded[1:], 1):
         m, P = m + places[k] - places[k - 1], P + 0.2 * p.diffusion_m**2
         if k in seen:
-            P += p.scatter_m**2
+            P += p.jitter_sigma_m**2
             K = P / (P + p.sigma_m**2)
-            m, P = m + K * (extrapolated(state.ekf, p)[0] - m), (1.0 - K) * P
+            m, P = m + K * (extrapolate(state.ekf, p)[0] - m), (1.0 - K) * P
         belief = pf.estimate(state)
         assert belief.xy == pytest.approx(m, abs=0.05)
         assert belief.covariance == pytest.approx(P * np.eye(2), abs=0.05 * P + 0.01)

@@ -11,11 +11,10 @@ from walks import errors, fixes, fold, walk
 from tickfix import config
 from tickfix.api import Bools, Context, Floats, Floor, Motion
 from tickfix.api.errors import ConfigError
-from tickfix.plugins import discover
-from tickfix_filters.fusion_params import FusionPfParams
+from tickfix.registry import discover
+from tickfix.toolkit.walkable_area import WallDirections
+from tickfix_filters.fusion_model import FusionPfParams, wall_alignment
 from tickfix_filters.fusion_pf import FusionPf
-from tickfix_filters.fusion_walls import aligned
-from tickfix_filters.wall_directions import WallDirections
 
 HALL = np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 20.0], [0.0, 20.0]])
 
@@ -38,7 +37,9 @@ def apart_rad(one: Floats, other: float) -> Floats:
 
 @pytest.mark.parametrize("by_rad", [0.0, 0.3, 1.2, -0.7])
 def test_walls_of_a_turned_hall_run_as_it_was_turned(by_rad: float) -> None:
-    found = WallDirections(floor(turned(HALL, by_rad))).rad(np.random.default_rng(0).uniform(-20.0, 40.0, (50, 4, 2)))
+    found = WallDirections(floor(turned(HALL, by_rad))).nearest_wall_heading_rad(
+        np.random.default_rng(0).uniform(-20.0, 40.0, (50, 4, 2))
+    )
     assert found.shape == (50, 4)
     assert apart_rad(found, by_rad).max() < 1e-6
 
@@ -46,42 +47,44 @@ def test_walls_of_a_turned_hall_run_as_it_was_turned(by_rad: float) -> None:
 def test_the_nearest_wall_counts_and_short_edges_do_not() -> None:
     slanting = np.array([[[15.0, 5.0], [18.0, 8.0]]])
     pillar = np.array([[3.0, 10.0], [3.5, 10.2], [3.2, 10.6]])
-    found = WallDirections(floor(HALL, pillar, walls=slanting)).rad(np.array([[16.6, 6.4], [1.0, 10.0], [3.2, 9.5]]))
+    found = WallDirections(floor(HALL, pillar, walls=slanting)).nearest_wall_heading_rad(
+        np.array([[16.6, 6.4], [1.0, 10.0], [3.2, 9.5]])
+    )
     assert found == pytest.approx([math.pi / 4, 0.0, 0.0], abs=1e-6)
 
 
 def test_a_floor_without_walls_tells_nothing() -> None:
     walls = WallDirections(floor())
-    assert np.isnan(walls.rad(np.zeros((3, 2)))).all()
+    assert np.isnan(walls.nearest_wall_heading_rad(np.zeros((3, 2)))).all()
     theta = np.linspace(0.0, 6.0, 7)[None]
     motion = Motion(t0_ns=0, t1_ns=200_000_000, distance_m=0.3, heading_rad=0.0)
     for directions in ({}, {"F": walls}):
-        assert not aligned(theta, np.zeros((1, 7, 2)), ["F"], [motion], directions, FusionPfParams()).any()
+        assert not wall_alignment(theta, np.zeros((1, 7, 2)), ["F"], [motion], directions, FusionPfParams()).any()
 
 
 def test_ways_of_all_directions_weigh_one_on_average_and_those_along_walls_most() -> None:
     theta = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)[None]
     params = FusionPfParams()
-    for metres in (params.aligned_m, 0.25):
+    for metres in (params.alignment_length_m, 0.25):
         motion = Motion(t0_ns=0, t1_ns=200_000_000, distance_m=metres, heading_rad=0.0)
-        log_weights = aligned(
+        log_weights = wall_alignment(
             theta, np.full((1, 720, 2), 5.0), ["F"], [motion], {"F": WallDirections(floor(turned(HALL, 0.3)))}, params
         )
-        weights = np.exp(log_weights * params.aligned_m / metres)
+        weights = np.exp(log_weights * params.alignment_length_m / metres)
         assert weights.mean() == pytest.approx(1.0, abs=1e-4)
         assert apart_rad(theta[0, [int(weights.argmax())]], 0.3)[0] < 0.01
-        assert weights.min() == pytest.approx(1.0 - params.aligned, abs=0.01)
+        assert weights.min() == pytest.approx(1.0 - params.wall_alignment, abs=0.01)
 
 
 @pytest.mark.parametrize("sigma_rad", [0.05, 0.5])
 def test_weights_are_finite_at_both_ends_of_what_sigma_may_be(sigma_rad: float) -> None:
     filtered = f'filter = {{ use = "fusion-pf", aligned_sigma_rad = {sigma_rad} }}'
-    assert config.parse(f'[pipelines.p]\npdr = "steps"\nfingerprint = "wknn"\n{filtered}', "test", discover())
+    assert config.parse_config(f'[pipelines.p]\npdr = "steps"\nfingerprint = "wknn"\n{filtered}', "test", discover())
     theta = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)[None]
     motion = Motion(t0_ns=0, t1_ns=200_000_000, distance_m=0.3, heading_rad=0.0)
     walls = {"F": WallDirections(floor(HALL))}
-    params = FusionPfParams(aligned_sigma_rad=sigma_rad)
-    found = aligned(theta, np.full((1, 720, 2), 5.0), ["F"], [motion], walls, params)
+    params = FusionPfParams(alignment_sigma_rad=sigma_rad)
+    found = wall_alignment(theta, np.full((1, 720, 2), 5.0), ["F"], [motion], walls, params)
     assert np.isfinite(found).all()
     assert found.max() > 0.0 > found.min()
 
@@ -89,8 +92,8 @@ def test_weights_are_finite_at_both_ends_of_what_sigma_may_be(sigma_rad: float) 
 @pytest.mark.parametrize("sigma_rad", [0.01, 0.6])
 def test_other_sigmas_are_refused_by_name(sigma_rad: float) -> None:
     text = f'[pipelines.p]\npdr = "steps"\nfilter = {{ use = "fusion-pf", aligned_sigma_rad = {sigma_rad} }}'
-    with pytest.raises(ConfigError, match="aligned_sigma_rad"):
-        config.parse(text, "test", discover())
+    with pytest.raises(ConfigError, match="alignment_sigma_rad"):
+        config.parse_config(text, "test", discover())
 
 
 class Everywhere:
@@ -131,7 +134,7 @@ def test_a_corridor_teaches_how_far_the_compass_is_off(off_rad: float) -> None:
     for seed in range(5):
         seen = fixes(places, np.random.default_rng(seed), 6.0)
         for share, told_off in heading.items():
-            pf = FusionPf(FusionPfParams(aligned=share), context)
+            pf = FusionPf(FusionPfParams(wall_alignment=share), context)
             folded = fold(pf, motions, seen, np.random.default_rng(seed))
             told = pf.estimate(folded[-1][0]).heading_rad
             assert told is not None

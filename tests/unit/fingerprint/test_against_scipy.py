@@ -9,10 +9,8 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from tickfix.api import Context, RadioMap, Readings, Scan
-from tickfix_fingerprint.knn import Knn, KnnParams
-from tickfix_fingerprint.representation import Representation
-from tickfix_fingerprint.similarity import Similarity
-from tickfix_fingerprint.wknn import Wknn, WknnParams
+from tickfix.toolkit.nearest_neighbours import Representation, Similarity
+from tickfix_fingerprint.knn import Knn, KnnParams, Wknn, WknnParams
 
 METRICS = {"euclidean": "euclidean", "manhattan": "cityblock", "cosine": "cosine", "sorensen": "braycurtis"}
 MISSING = -100.0

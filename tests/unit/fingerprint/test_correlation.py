@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tickfix.api import Context, RadioMap, Readings, frozen
-from tickfix_fingerprint.blocks import Blocks
-from tickfix_fingerprint.fncc import Fncc, FnccParams
-from tickfix_fingerprint.ncc import Ncc, NccParams
+from tickfix_fingerprint.cross_correlation import Fncc, FnccParams, Ncc, NccParams
+from tickfix_fingerprint.rss_matrices import RssBlocks
 
 NAMES = ("a", "b", "c", "d")
 SECOND = 10**9
@@ -126,7 +125,7 @@ def test_all_samples_count_where_their_means_cannot_tell() -> None:
 
 def test_a_block_has_n_samples_in_their_order_and_what_is_missing_filled() -> None:
     samples = [{"a": -50.0, "b": -70.0}, {"a": -60.0}, {"a": -55.0}]
-    blocks = Blocks(radio_map([samples]), 2, means=False, missing_dbm=-100.0, sample_s=4.0)
+    blocks = RssBlocks(radio_map([samples]), 2, means=False, missing_dbm=-100.0, sample_s=4.0)
     assert blocks.point.tolist() == [0, 0]
     assert blocks.dense(0).tolist() == [[50.0, 40.0], [30.0, 30.0], [0.0, 0.0], [0.0, 0.0]]
     assert blocks.dense(1).tolist() == [[45.0, 45.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
@@ -137,7 +136,7 @@ def test_readings_of_one_scan_that_are_a_second_apart_are_one_sample() -> None:
     near = RadioMap(
         **{name: getattr(site, name) for name in RadioMap.__dataclass_fields__} | {"sample_t_ns": np.array([0, SECOND])}
     )
-    blocks = Blocks(near, 1, means=False, missing_dbm=-100.0, sample_s=4.0)
+    blocks = RssBlocks(near, 1, means=False, missing_dbm=-100.0, sample_s=4.0)
     assert blocks.dense(0).ravel().tolist() == [50.0, 30.0, 0.0, 0.0]
     assert len(blocks.point) == 1
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tickfix.testing import world
-from tickfix_fingerprint.elm import hidden_layer, output_weights
+from tickfix.toolkit.extreme_learning import classifier_output_weights, hidden_layer
 from tickfix_fingerprint.elm_knn import ElmKnn, ElmKnnParams, weights
 
 
@@ -22,7 +22,7 @@ def test_the_output_weights_are_those_of_least_squares_with_a_ridge(n: int, node
     classes = rng.integers(0, 5, n)
     targets = np.concatenate([np.eye(5)[classes], np.zeros((nodes, 5))])
     oracle = scipy.linalg.lstsq(np.concatenate([H, np.sqrt(ridge) * np.eye(nodes)]), targets)[0]
-    np.testing.assert_allclose(output_weights(H, classes, 5, ridge), oracle, atol=1e-8)
+    np.testing.assert_allclose(classifier_output_weights(H, classes, 5, ridge), oracle, atol=1e-8)
 
 
 @given(st.lists(st.floats(0, 200), min_size=1, max_size=9))
@@ -50,12 +50,14 @@ def test_the_classifier_finds_a_neighbour_of_the_point_where_one_stands() -> Non
 
 def test_only_the_most_frequent_access_points_are_asked() -> None:
     params = ElmKnnParams(access_points=5, hidden=20, min_readings=1)
-    model = ElmKnn.learn(params, world.radio_map(), np.ones(len(world.radio_map().sample_point), bool), world.rng(1))
+    model = ElmKnn.fit_model(
+        params, world.radio_map(), np.ones(len(world.radio_map().sample_point), bool), world.rng(1)
+    )
     assert model["a"].shape == (5, 20)
     used = {world.radio_map().transmitters[n] for n in model["access_points"]}
     method = ElmKnn(params, world.context(), model)
     others = [name for name in world.radio_map().transmitters if name not in used]
-    assert method.locate(world.window_of(world.T0_NS, others, [-50.0] * len(others), [0.0] * len(others))) is None
+    assert method.locate(world.make_readings(world.T0_NS, others, [-50.0] * len(others), [0.0] * len(others))) is None
 
 
 def test_without_a_classifier_the_nearest_points_are_the_candidates() -> None:

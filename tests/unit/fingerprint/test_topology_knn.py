@@ -6,8 +6,7 @@ import numpy as np
 
 from tickfix.api import Floats
 from tickfix.testing import world
-from tickfix_fingerprint.topology import topology_of
-from tickfix_fingerprint.topology_knn import TopologyKnn, TopologyKnnParams
+from tickfix_fingerprint.topology_knn import TopologyKnn, TopologyKnnParams, derive_topology
 
 
 def lattice(columns: int, rows: int) -> Floats:
@@ -17,14 +16,14 @@ def lattice(columns: int, rows: int) -> Floats:
 
 def test_gsss_counts_the_neighbours_of_a_lattice() -> None:
     xy = lattice(3, 3)
-    topology = topology_of(xy, np.zeros(9, np.int64), 100.0)
+    topology = derive_topology(xy, np.zeros(9, np.int64), 100.0)
     assert topology.gsss.tolist() == [3, 5, 3, 5, 8, 5, 3, 5, 3]
     assert topology.neighbours[4].tolist() == [5, 8, 7, 6, 3, 0, 1, 2]
     assert set(topology.region.tolist()) == {0}
 
 
 def test_a_corridor_of_one_line_has_at_most_two_neighbours() -> None:
-    topology = topology_of(lattice(6, 1), np.zeros(6, np.int64), 100.0)
+    topology = derive_topology(lattice(6, 1), np.zeros(6, np.int64), 100.0)
     assert topology.gsss.tolist() == [1, 2, 2, 2, 2, 1]
 
 
@@ -32,14 +31,14 @@ def test_floors_and_places_apart_are_sub_regions_of_their_own() -> None:
     part = lattice(3, 2)
     xy = np.concatenate([part, part + np.array([20.0, 0.0]), part])
     floor = np.repeat([0, 0, 1], 6)
-    region = topology_of(xy, floor, 100.0).region.reshape(3, 6)
+    region = derive_topology(xy, floor, 100.0).region.reshape(3, 6)
     assert len(np.unique(region)) == 3
     assert (region == region[:, :1]).all()
 
 
 def test_no_sub_region_is_wider_than_it_may_be() -> None:
     xy = lattice(20, 2)
-    topology = topology_of(xy, np.zeros(40, np.int64), 10.0)
+    topology = derive_topology(xy, np.zeros(40, np.int64), 10.0)
     for number in np.unique(topology.region):
         assert np.ptp(xy[topology.region == number], axis=0).max() <= 10.0
     linked = topology.neighbours >= 0
@@ -48,8 +47,8 @@ def test_no_sub_region_is_wider_than_it_may_be() -> None:
 
 
 def test_a_lone_point_and_no_point_are_no_trouble() -> None:
-    assert topology_of(np.zeros((1, 2)), np.zeros(1, np.int64), 5.0).gsss.tolist() == [0]
-    assert topology_of(np.zeros((0, 2)), np.zeros(0, np.int64), 5.0).gsss.tolist() == []
+    assert derive_topology(np.zeros((1, 2)), np.zeros(1, np.int64), 5.0).gsss.tolist() == [0]
+    assert derive_topology(np.zeros((0, 2)), np.zeros(0, np.int64), 5.0).gsss.tolist() == []
 
 
 def method(**params: float) -> TopologyKnn:
@@ -58,27 +57,27 @@ def method(**params: float) -> TopologyKnn:
 
 
 def test_inside_a_lattice_three_points_of_one_square_are_chosen() -> None:
-    algorithm = method(centre=0.0)
+    algorithm = method(square_centre_tolerance=0.0)
     xy = world.radio_map().point_xy
     at = int(np.flatnonzero((xy == [9.0, 5.0]).all(axis=1))[0])
     r = np.exp(-np.hypot(*(xy - [9.3, 6.8]).T))
-    chosen = sorted(xy[algorithm.chosen(at, r)].tolist())
-    assert chosen == [[9.0, 5.0], [9.0, 7.0], [11.0, 7.0]]
+    points_around = sorted(xy[algorithm.points_around(at, r)].tolist())
+    assert points_around == [[9.0, 5.0], [9.0, 7.0], [11.0, 7.0]]
 
 
 def test_near_the_centre_of_a_square_all_four_are_chosen() -> None:
     xy = world.radio_map().point_xy
     at = int(np.flatnonzero((xy == [9.0, 5.0]).all(axis=1))[0])
     r = np.exp(-np.hypot(*(xy - [9.9, 5.9]).T))
-    assert len(method(centre=0.5).chosen(at, r)) == 4
-    assert len(method(centre=0.0).chosen(at, r)) == 3
+    assert len(method(square_centre_tolerance=0.5).points_around(at, r)) == 4
+    assert len(method(square_centre_tolerance=0.0).points_around(at, r)) == 3
 
 
 def test_where_few_neighbours_are_a_line_is_chosen() -> None:
     algorithm = method(line_gsss=8)
     r = np.exp(-np.hypot(*(world.radio_map().point_xy - [9.9, 5.0]).T))
-    chosen = algorithm.chosen(int(r.argmax()), r)
-    assert len(chosen) == 2
+    points_around = algorithm.points_around(int(r.argmax()), r)
+    assert len(points_around) == 2
 
 
 def test_a_fix_lies_among_the_points_around_it() -> None:

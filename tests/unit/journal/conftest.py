@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from tickfix.journal import Manifest
+from tickfix.journal import RunManifest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")
-def manifest() -> Manifest:
-    return Manifest(
+def manifest() -> RunManifest:
+    return RunManifest(
         run="r-1",
         tickfix_version="0.1.0",
         config='seed = 3\n[pipelines.a]\nfilter = "fixes"\n',

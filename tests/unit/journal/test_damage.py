@@ -12,15 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.journal import (
-    Damage,
     JournalDamaged,
     JournalError,
     JournalReader,
+    JournalRecord,
     JournalWriter,
-    Kind,
-    Manifest,
-    Record,
-    Since,
+    ReadStart,
+    RecordKind,
+    RunManifest,
+    SegmentDamage,
 )
 from tickfix.journal.segment_reader import SegmentReader
 
@@ -32,18 +32,18 @@ class Sample:
     """A journal of a closed and an unclosed segment, in memory."""
 
     files: dict[str, bytes]
-    records: dict[int, Record]
+    records: dict[int, JournalRecord]
     last_of: dict[str, int]
 
 
 @pytest.fixture(scope="module")
-def sample(manifest: Manifest, tmp_path_factory: pytest.TempPathFactory) -> Sample:
+def sample(manifest: RunManifest, tmp_path_factory: pytest.TempPathFactory) -> Sample:
     folder = tmp_path_factory.mktemp("sample")
-    kinds, rng = (Kind.EVENT, Kind.DECISION, Kind.ESTIMATE), np.random.default_rng(4)
+    kinds, rng = (RecordKind.EVENT, RecordKind.DECISION, RecordKind.ESTIMATE), np.random.default_rng(4)
     with JournalWriter(folder, manifest, wall_ns=lambda: 10**18) as writer:  # the same bytes every time
         for commit in range(2 * SEVERAL):
             if commit == SEVERAL:
-                writer.new_segment(b"state" * 9)
+                writer.roll_segment(b"state" * 9)
             for i in range(1 + commit % 3):
                 writer.append(kinds[i], f"phone-{i}", 1000 * commit + i, rng.bytes(7 * i))
             writer.commit()
@@ -98,7 +98,7 @@ def check(sample: Sample, place: Path, name: str, change: Change) -> None:
     raw = sample.files[name]
     changed = change(raw)
     reader = stored(sample, place, name, changed)
-    damage: list[Damage] = []
+    damage: list[SegmentDamage] = []
     seen = list(reader.records(on_damage=damage.append))
     assert seen == [sample.records[record.number] for record in seen]
     assert [r.number for r in seen] == sorted({r.number for r in seen})
@@ -113,8 +113,8 @@ def check(sample: Sample, place: Path, name: str, change: Change) -> None:
         missing = [n for n in sample.records if n <= segment.last_number and n not in {r.number for r in seen}]
         assert not missing
     assert (place / name).read_bytes() == changed
-    for since in (Since.FIRST, Since.REPLAYABLE):
-        strict: list[Record] = []
+    for since in (ReadStart.FIRST, ReadStart.REPLAYABLE):
+        strict: list[JournalRecord] = []
         try:
             strict.extend(reader.records(since))
         except JournalError:
@@ -137,7 +137,7 @@ def test_one_flipped_byte_is_found_wherever_it_is_and_costs_one_commit_at_most(
         changed = bytearray(raw)
         changed[at] ^= 1 << at % 8
         reader = stored(sample, place, name, bytes(changed))
-        damage: list[Damage] = []
+        damage: list[SegmentDamage] = []
         seen = {r.number: r for r in reader.records(on_damage=damage.append)}
         assert damage, f"byte {at}"
         assert all(found.offset <= at for found in damage if "missing" not in found.what)
@@ -174,7 +174,7 @@ def test_records_missing_in_the_middle_end_a_replay_with_file_and_offset(sample:
 
 def test_a_commit_that_stands_there_twice_is_read_once(sample: Sample, place: Path) -> None:
     raw = sample.files["000002.mcap"]
-    (*_, (at, _)) = SegmentReader(stored(sample, place, "000002.mcap", raw).paths()[1]).groups()
+    (*_, (at, _)) = SegmentReader(stored(sample, place, "000002.mcap", raw).paths()[1]).batches()
     reader = stored(sample, place, "000002.mcap", raw + raw[at:])
     assert [record.number for record in reader.records()] == list(sample.records)
     (found,) = reader.segments()[1].damage
@@ -183,25 +183,25 @@ def test_a_commit_that_stands_there_twice_is_read_once(sample: Sample, place: Pa
 
 def test_a_closed_segment_is_read_on_behind_a_chunk_whose_head_is_gone(sample: Sample, place: Path) -> None:
     raw = bytearray(sample.files["000001.mcap"])
-    groups = list(SegmentReader(stored(sample, place, "000001.mcap", bytes(raw)).paths()[0]).groups())
-    at, lost = groups[1]
+    batches = list(SegmentReader(stored(sample, place, "000001.mcap", bytes(raw)).paths()[0]).batches())
+    at, lost = batches[1]
     raw[at : at + 49] = bytes(49)
     reader = stored(sample, place, "000001.mcap", bytes(raw))
-    damage: list[Damage] = []
+    damage: list[SegmentDamage] = []
     seen = [record.number for record in reader.records(on_damage=damage.append)]
     assert seen == [number for number in sample.records if number not in {record.number for record in lost}]
     assert damage[0].offset == at
-    unclosed = bytes(raw[: groups[-1][0]])
+    unclosed = bytes(raw[: batches[-1][0]])
     cut = [record.number for record in stored(sample, place, "000001.mcap", unclosed).records(on_damage=print)]
-    assert cut[: len(groups[0][1]) + 1] == [*(r.number for r in groups[0][1]), sample.last_of["000001.mcap"] + 1]
+    assert cut[: len(batches[0][1]) + 1] == [*(r.number for r in batches[0][1]), sample.last_of["000001.mcap"] + 1]
 
 
 def test_lengths_that_no_file_can_have_are_damage_like_any_other(sample: Sample, place: Path) -> None:
     raw = bytearray(sample.files["000002.mcap"])
-    groups = list(SegmentReader(stored(sample, place, "000002.mcap", bytes(raw)).paths()[1]).groups())
-    at = groups[2][0]
+    batches = list(SegmentReader(stored(sample, place, "000002.mcap", bytes(raw)).paths()[1]).batches())
+    at = batches[2][0]
     for length in (2**64 - 1, 2**63, 2**40):
         raw[at + 1 : at + 9] = raw[at + 25 : at + 33] = raw[at + 41 : at + 49] = length.to_bytes(8, "little")
         (_, segment) = stored(sample, place, "000002.mcap", bytes(raw)).segments()
         assert [damage.offset for damage in segment.damage] == [at]
-        assert segment.last_number == groups[1][1][-1].number
+        assert segment.last_number == batches[1][1][-1].number

@@ -16,28 +16,27 @@ from mcap.records import Metadata as McapMetadata
 from mcap.stream_reader import StreamReader
 from msgspec import msgpack
 
-from tickfix.journal import JournalReader, JournalWriter, Kind, Manifest, Record
-from tickfix.journal.layout import frame_group
-from tickfix.journal.records import CHANNELS, Group
+from tickfix.journal import JournalReader, JournalRecord, JournalWriter, RecordKind, RunManifest
+from tickfix.journal.segment_layout import CHANNEL_IDS, RecordBatch, frame_batch
 
 
 @pytest.fixture(scope="module")
-def folder(manifest: Manifest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(manifest: RunManifest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A closed segment and one that is not."""
     folder = tmp_path_factory.mktemp("journal")
     writer = JournalWriter(folder, manifest)
     for number in range(1, 30):
-        writer.append(list(Kind)[number % 4], f"phone-{number % 3}", number - 5, bytes(number))
+        writer.append(list(RecordKind)[number % 4], f"phone-{number % 3}", number - 5, bytes(number))
         if number % 4 == 0:
             writer.commit()
         if number == 20:
-            writer.new_segment(b"state")
+            writer.roll_segment(b"state")
     writer.commit()
     yield folder
     writer.close()
 
 
-def same(record: Record, topic: str, message: Message) -> bool:
+def same(record: JournalRecord, topic: str, message: Message) -> bool:
     assert msgpack.decode(message.data) == [record.number, record.device, record.payload]
     return (topic, message.log_time, message.publish_time, message.sequence) == (
         record.kind.value,
@@ -59,7 +58,7 @@ def test_a_closed_segment_opens_in_both_readers(folder: Path, kind: type[McapRea
 
 def test_the_index_of_a_closed_segment_finds_one_kind_and_a_span_of_time(folder: Path) -> None:
     path = folder / "000001.mcap"
-    records = [record for record in JournalReader(path).records() if record.kind is Kind.DECISION]
+    records = [record for record in JournalReader(path).records() if record.kind is RecordKind.DECISION]
     with path.open("rb") as file:
         reader = SeekingReader(file, validate_crcs=True)
         found = [m.sequence for _, _, m in reader.iter_messages(topics=["decision"], starting_at=records[2].wall_ns)]
@@ -68,7 +67,7 @@ def test_the_index_of_a_closed_segment_finds_one_kind_and_a_span_of_time(folder:
         assert summary.statistics is not None
         assert summary.statistics.message_count == 20
         assert summary.statistics.chunk_count == len(summary.chunk_indexes) == 5
-        assert [channel.topic for channel in summary.channels.values()] == [kind.value for kind in Kind]
+        assert [channel.topic for channel in summary.channels.values()] == [kind.value for kind in RecordKind]
         (metadata,) = reader.iter_metadata()
     assert found == [record.number for record in records[2:]]
     assert metadata.metadata["run"] == "r-1"
@@ -102,14 +101,14 @@ def test_message_indexes_point_at_their_messages(folder: Path) -> None:
 
 
 def test_what_is_packed_by_hand_is_what_the_package_packs() -> None:
-    group = Group(2**32 + 7)
+    batch = RecordBatch(2**32 + 7)
     for i in range(5):
-        group.add(list(Kind)[i % 2], "phone", 10 * i, 1000 - i, bytes(i))
-    data = group.data()
+        batch.add(list(RecordKind)[i % 2], "phone", 10 * i, 1000 - i, bytes(i))
+    data = batch.data()
     builder: Any = RecordBuilder()
     indexes: dict[int, list[tuple[int, int]]] = {}
     for i in range(5):
-        channel = CHANNELS[list(Kind)[i % 2]]
+        channel = CHANNEL_IDS[list(RecordKind)[i % 2]]
         indexes.setdefault(channel, []).append((1000 - i, builder.count))
         body = msgpack.encode((2**32 + 7 + i, "phone", bytes(i)))
         Message(channel_id=channel, log_time=1000 - i, data=body, publish_time=10 * i, sequence=7 + i).write(builder)
@@ -117,4 +116,4 @@ def test_what_is_packed_by_hand_is_what_the_package_packs() -> None:
     Chunk("", data, 1000, 996, zlib.crc32(data), len(data)).write(builder)
     for channel, entries in indexes.items():
         MessageIndex(channel, entries).write(builder)
-    assert frame_group(123, group, data).data == builder.end()
+    assert frame_batch(123, batch, data).data == builder.end()

@@ -5,16 +5,16 @@ from __future__ import annotations
 import tracemalloc
 from pathlib import Path
 
-from tickfix.journal import JournalReader, JournalWriter, Kind, Manifest
+from tickfix.journal import JournalReader, JournalWriter, RecordKind, RunManifest
 
 COMMIT_BYTES = 200_000
 COMMITS = 100
 
 
-def test_reading_a_long_journal_takes_the_memory_of_few_commits(tmp_path: Path, manifest: Manifest) -> None:
+def test_reading_a_long_journal_takes_the_memory_of_few_commits(tmp_path: Path, manifest: RunManifest) -> None:
     with JournalWriter(tmp_path, manifest) as writer:
         for _ in range(COMMITS):
-            writer.append(Kind.EVENT, "a", 1, bytes(COMMIT_BYTES))
+            writer.append(RecordKind.EVENT, "a", 1, bytes(COMMIT_BYTES))
             writer.commit()
     tracemalloc.start()
     try:

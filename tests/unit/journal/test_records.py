@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from tickfix.journal import Kind
-from tickfix.journal.records import Group, RecordsError, parse
+from tickfix.journal import RecordKind
+from tickfix.journal.segment_layout import RecordBatch, RecordFormatError, parse_batch
 
 
 def messages(first: int, count: int) -> bytes:
-    group = Group(first)
+    batch = RecordBatch(first)
     for _ in range(count):
-        group.add(Kind.EVENT, "a", 1, 2, b"payload")
-    return group.data()
+        batch.add(RecordKind.EVENT, "a", 1, 2, b"payload")
+    return batch.data()
 
 
 def test_records_are_parsed_into_the_group_they_were() -> None:
-    group, records = parse(messages(7, 3))
+    batch, records = parse_batch(messages(7, 3))
     assert [record.number for record in records] == [7, 8, 9]
-    assert (group.first, group.next, len(group)) == (7, 10, 3)
+    assert (batch.first, batch.next, len(batch)) == (7, 10, 3)
 
 
 @pytest.mark.parametrize(
@@ -36,5 +36,5 @@ def test_records_are_parsed_into_the_group_they_were() -> None:
     ],
 )
 def test_what_no_journal_writes_is_refused(data: bytes, words: str) -> None:
-    with pytest.raises(RecordsError, match=words):
-        parse(data)
+    with pytest.raises(RecordFormatError, match=words):
+        parse_batch(data)

@@ -12,20 +12,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.journal import (
-    Damage,
     JournalDamaged,
     JournalError,
     JournalReader,
+    JournalRecord,
     JournalWriter,
-    Kind,
-    Manifest,
-    Record,
-    Since,
+    ReadStart,
+    RecordKind,
+    RunManifest,
+    SegmentDamage,
 )
 
 RECORDS = st.lists(
     st.lists(
-        st.tuples(st.sampled_from(Kind), st.text(max_size=8), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=40)),
+        st.tuples(
+            st.sampled_from(RecordKind), st.text(max_size=8), st.integers(-(2**63), 2**63 - 1), st.binary(max_size=40)
+        ),
         max_size=5,
     ),
     max_size=6,
@@ -35,8 +37,8 @@ RECORDS = st.lists(
 @given(commits=RECORDS)
 @settings(max_examples=60)
 def test_every_record_comes_back_as_it_was_appended(
-    commits: Sequence[Sequence[tuple[Kind, str, int, bytes]]],
-    manifest: Manifest,
+    commits: Sequence[Sequence[tuple[RecordKind, str, int, bytes]]],
+    manifest: RunManifest,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     folder = tmp_path_factory.mktemp("journal")
@@ -57,82 +59,87 @@ def test_every_record_comes_back_as_it_was_appended(
     assert (segment.first_number, segment.last_number) == (1, len(expected))
 
 
-def test_what_is_not_committed_is_not_there_and_what_is_needs_no_closing(tmp_path: Path, manifest: Manifest) -> None:
+def test_what_is_not_committed_is_not_there_and_what_is_needs_no_closing(tmp_path: Path, manifest: RunManifest) -> None:
     with JournalWriter(tmp_path, manifest) as writer:
-        writer.append(Kind.EVENT, "a", 1, b"one")
+        writer.append(RecordKind.EVENT, "a", 1, b"one")
         assert list(JournalReader(tmp_path).records()) == []
         writer.commit()
-        writer.append(Kind.EVENT, "a", 2, b"two")
+        writer.append(RecordKind.EVENT, "a", 2, b"two")
         assert [r.payload for r in JournalReader(tmp_path).records()] == [b"one"]
         (segment,) = JournalReader(tmp_path).segments()
         assert (segment.complete, segment.damage, segment.last_number) == (False, (), 1)
 
 
-def test_numbers_of_what_is_discarded_are_given_again(tmp_path: Path, manifest: Manifest) -> None:
+def test_numbers_of_what_is_discarded_are_given_again(tmp_path: Path, manifest: RunManifest) -> None:
     with JournalWriter(tmp_path, manifest) as writer:
-        writer.append(Kind.EVENT, "a", 1, b"one")
+        writer.append(RecordKind.EVENT, "a", 1, b"one")
         writer.commit()
-        assert writer.append(Kind.EVENT, "a", 2, b"two") == 2
+        assert writer.append(RecordKind.EVENT, "a", 2, b"two") == 2
         assert (writer.pending, writer.discard(), writer.pending) == (1, 1, 0)
-        assert writer.append(Kind.DECISION, "a", 3, b"three") == 2
+        assert writer.append(RecordKind.DECISION, "a", 3, b"three") == 2
     assert [(r.number, r.payload) for r in JournalReader(tmp_path).records()] == [(1, b"one"), (2, b"three")]
 
 
-def test_numbers_run_beyond_32_bits(tmp_path: Path, manifest: Manifest) -> None:
+def test_numbers_run_beyond_32_bits(tmp_path: Path, manifest: RunManifest) -> None:
     first = 2**32 - 1
     with JournalWriter(tmp_path, manifest, first_number=first) as writer:
         for _ in range(3):
-            writer.append(Kind.EVENT, "a", 1, b"")
+            writer.append(RecordKind.EVENT, "a", 1, b"")
     assert [r.number for r in JournalReader(tmp_path).records()] == [first, first + 1, first + 2]
 
 
-def test_a_new_segment_begins_with_its_snapshot_and_the_old_one_is_closed(tmp_path: Path, manifest: Manifest) -> None:
+def test_a_new_segment_begins_with_its_snapshot_and_the_old_one_is_closed(
+    tmp_path: Path, manifest: RunManifest
+) -> None:
     with JournalWriter(tmp_path, manifest) as writer:
-        writer.append(Kind.EVENT, "a", 1, b"one")
-        writer.new_segment(b"state")
+        writer.append(RecordKind.EVENT, "a", 1, b"one")
+        writer.roll_segment(b"state")
         first, second = JournalReader(tmp_path).segments(thorough=True)
         assert (first.complete, first.first_number, first.last_number) == (True, 1, 1)
         assert (second.complete, second.first_number, second.last_number) == (False, 2, 2)
-        writer.append(Kind.EVENT, "a", 2, b"two")
+        writer.append(RecordKind.EVENT, "a", 2, b"two")
     reader = JournalReader(tmp_path)
-    assert [(r.kind, r.number) for r in reader.records(Since.REPLAYABLE)] == [(Kind.SNAPSHOT, 2), (Kind.EVENT, 3)]
+    assert [(r.kind, r.number) for r in reader.records(ReadStart.REPLAYABLE)] == [
+        (RecordKind.SNAPSHOT, 2),
+        (RecordKind.EVENT, 3),
+    ]
     assert [r.number for r in reader.records()] == [1, 2, 3]
     assert [[r.number for r in reader.records(n)] for n in (1, 2, 3, 4)] == [[1, 2, 3], [2, 3], [3], []]
     assert [s.replayable for s in reader.segments()] == [True, True]
 
 
-def test_a_run_goes_on_in_a_new_segment_and_the_old_one_is_untouched(tmp_path: Path, manifest: Manifest) -> None:
+def test_a_run_goes_on_in_a_new_segment_and_the_old_one_is_untouched(tmp_path: Path, manifest: RunManifest) -> None:
     with JournalWriter(tmp_path, manifest) as writer:
-        writer.append(Kind.EVENT, "a", 1, b"one")
+        writer.append(RecordKind.EVENT, "a", 1, b"one")
     before = (tmp_path / "000001.mcap").read_bytes()
     with JournalWriter(tmp_path, manifest, first_number=2) as writer:
-        writer.append(Kind.EVENT, "a", 2, b"two")
+        writer.append(RecordKind.EVENT, "a", 2, b"two")
     assert (tmp_path / "000001.mcap").read_bytes() == before
     assert [r.number for r in JournalReader(tmp_path).records()] == [1, 2]
     assert [s.replayable for s in JournalReader(tmp_path).segments()] == [True, False]
-    assert next(JournalReader(tmp_path).records(Since.REPLAYABLE)).number == 1
+    assert next(JournalReader(tmp_path).records(ReadStart.REPLAYABLE)).number == 1
 
 
-def test_the_newest_run_is_read_where_a_folder_holds_several(tmp_path: Path, manifest: Manifest) -> None:
+def test_the_newest_run_is_read_where_a_folder_holds_several(tmp_path: Path, manifest: RunManifest) -> None:
     for run in ("x", "y"):
         with JournalWriter(tmp_path, replace(manifest, run=run)) as writer:
-            writer.append(Kind.EVENT, "a", 1, run.encode())
+            writer.append(RecordKind.EVENT, "a", 1, run.encode())
     assert [r.payload for r in JournalReader(tmp_path).records()] == [b"y"]
     assert [r.payload for r in JournalReader(tmp_path / "000001.mcap").records()] == [b"x"]
 
 
-def test_numbers_that_are_missing_or_come_again_are_refused(tmp_path: Path, manifest: Manifest) -> None:
+def test_numbers_that_are_missing_or_come_again_are_refused(tmp_path: Path, manifest: RunManifest) -> None:
     for first in (1, 4):
         with JournalWriter(tmp_path, manifest, first_number=first) as writer:
-            writer.append(Kind.EVENT, "a", 1, b"")
-    read: list[Record] = []
+            writer.append(RecordKind.EVENT, "a", 1, b"")
+    read: list[JournalRecord] = []
     with pytest.raises(JournalDamaged, match=r"000002\.mcap: at byte \d+: .*; records 2–3 are missing"):
         read.extend(JournalReader(tmp_path).records())
-    told: list[Damage] = []
+    told: list[SegmentDamage] = []
     assert [r.number for r in JournalReader(tmp_path).records(on_damage=told.append)] == [1, 4]
     assert [damage.what for damage in told] == ["records 2–3 are missing"]
     with JournalWriter(tmp_path, manifest, first_number=3) as writer:
-        writer.append(Kind.EVENT, "a", 1, b"")
+        writer.append(RecordKind.EVENT, "a", 1, b"")
     with pytest.raises(JournalDamaged, match=r"000003\.mcap: at byte \d+: record 3 again; expected record 5"):
         read.extend(JournalReader(tmp_path).records(on_damage=print))
 
@@ -145,18 +152,18 @@ def test_a_place_without_a_journal_is_named(tmp_path: Path) -> None:
 
 
 def test_what_64_bits_or_utf8_cannot_hold_is_refused_and_nothing_is_appended(
-    tmp_path: Path, manifest: Manifest
+    tmp_path: Path, manifest: RunManifest
 ) -> None:
     with JournalWriter(tmp_path, manifest) as writer:
         with pytest.raises(ValueError, match=f"found t_ns = {2**63}"):
-            writer.append(Kind.EVENT, "a", 2**63, b"")
+            writer.append(RecordKind.EVENT, "a", 2**63, b"")
         with pytest.raises(ValueError, match="surrogates"):
-            writer.append(Kind.EVENT, "\ud800", 1, b"")
-        assert writer.append(Kind.EVENT, "a", 1, b"") == 1
+            writer.append(RecordKind.EVENT, "\ud800", 1, b"")
+        assert writer.append(RecordKind.EVENT, "a", 1, b"") == 1
     assert len(list(JournalReader(tmp_path).records())) == 1
 
 
-def test_a_closed_writer_says_so(tmp_path: Path, manifest: Manifest) -> None:
+def test_a_closed_writer_says_so(tmp_path: Path, manifest: RunManifest) -> None:
     writer = JournalWriter(tmp_path, manifest)
     writer.close()
     writer.close()

@@ -13,19 +13,7 @@ from lab import fold
 from streams import SETTINGS, T0, run, sample, scan, walk
 from toys import Chain, ToyFilter, ToyFingerprint, toy_pipeline
 
-from tickfix.api import (
-    TICK_NS,
-    Belief,
-    Fix,
-    Motion,
-    Observation,
-    PluginError,
-    Prior,
-    Readings,
-    Report,
-    Rng,
-    Window,
-)
+from tickfix.api import TICK_NS, Belief, Fix, Motion, Observation, PluginError, Prior, Readings, Report, Rng, Window
 from tickfix.kernel import Kernel, KernelSnapshot, Stage
 
 LENIENT = replace(SETTINGS, strict=False)

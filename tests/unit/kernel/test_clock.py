@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from tickfix.api import Scan
-from tickfix.kernel.clock import LEAP_NS, DeviceClock, Held, Verdict
-from tickfix.kernel.measurements import Item
+from tickfix.kernel.clock import EPOCH_JUMP_NS, DeviceClock, HeldMeasurement, TimestampVerdict
+from tickfix.kernel.measurements import Measurement
 
 S = 1_000_000_000
 HORIZON = 10 * S
 
 
-def held(t_s: float, stream: str = "motion", *, ahead: bool = True) -> Held:
-    return Held(round(t_s * S), stream, t_s, ahead=ahead)
+def held(t_s: float, stream: str = "motion", *, ahead: bool = True) -> HeldMeasurement:
+    return HeldMeasurement(round(t_s * S), stream, t_s, ahead=ahead)
 
 
 def clock_at(t_s: float, stream: str = "motion") -> DeviceClock:
@@ -28,30 +28,30 @@ def clock_at(t_s: float, stream: str = "motion") -> DeviceClock:
 
 
 def test_the_first_time_is_followed_whatever_it_is() -> None:
-    assert DeviceClock(HORIZON).judge(2**62, "any", None) is Verdict.FOLLOW
+    assert DeviceClock(HORIZON).classify(2**62, "any", None) is TimestampVerdict.FOLLOW
 
 
 def test_a_time_is_followed_between_the_limit_and_the_reach() -> None:
     clock = clock_at(100)
-    assert clock.judge(90 * S, "motion", 90 * S) is Verdict.FOLLOW
-    assert clock.judge(91 * S - 1, "motion", 91 * S) is Verdict.STALE
-    assert clock.judge(105 * S, "motion", 90 * S) is Verdict.FOLLOW
-    assert clock.judge(105 * S + 1, "motion", 90 * S) is Verdict.HOLD_AHEAD
+    assert clock.classify(90 * S, "motion", 90 * S) is TimestampVerdict.FOLLOW
+    assert clock.classify(91 * S - 1, "motion", 91 * S) is TimestampVerdict.STALE
+    assert clock.classify(105 * S, "motion", 90 * S) is TimestampVerdict.FOLLOW
+    assert clock.classify(105 * S + 1, "motion", 90 * S) is TimestampVerdict.HOLD_AHEAD
 
 
 def test_a_stream_that_ran_ahead_of_the_limit_and_falls_back_beyond_it_is_held() -> None:
-    assert clock_at(100).judge(80 * S, "motion", 95 * S) is Verdict.HOLD_BEHIND
+    assert clock_at(100).classify(80 * S, "motion", 95 * S) is TimestampVerdict.HOLD_BEHIND
 
 
 def test_the_reach_is_a_minute_where_no_steady_stream_was_heard_for_as_long() -> None:
-    assert clock_at(100, "scan").reach_ns == 100 * S + LEAP_NS
+    assert clock_at(100, "scan").reach_ns == 100 * S + EPOCH_JUMP_NS
     clock = clock_at(100)
     clock.follow(161 * S, "scan")
-    assert clock.reach_ns == 161 * S + LEAP_NS
+    assert clock.reach_ns == 161 * S + EPOCH_JUMP_NS
 
 
 def test_near_zero_a_steady_stream_that_was_never_heard_shortens_no_reach() -> None:
-    assert clock_at(1, "scan").reach_ns == S + LEAP_NS
+    assert clock_at(1, "scan").reach_ns == S + EPOCH_JUMP_NS
 
 
 def test_a_short_horizon_shortens_the_reach() -> None:
@@ -64,20 +64,20 @@ def test_three_instants_over_half_a_second_confirm_a_gap_with_all_that_waited_be
     clock.follow(2 * S, "motion")
     for t_s in (30.0, 30.2, 30.4):
         clock.hold(held(t_s))
-        assert clock.confirmed(held(t_s)) == ([], False)
+        assert clock.release_confirmed(held(t_s)) == ([], False)
     newest = held(30.6)
     clock.hold(newest)
-    released, anew = clock.confirmed(newest)
-    assert [h.item for h in released] == [8.0, 30.0, 30.2, 30.4, 30.6]
-    assert not anew
-    assert clock.holds == 0
+    released, restart = clock.release_confirmed(newest)
+    assert [h.measurement for h in released] == [8.0, 30.0, 30.2, 30.4, 30.6]
+    assert not restart
+    assert clock.held_count == 0
 
 
 def test_three_times_the_same_instant_confirm_nothing() -> None:
     clock = clock_at(0)
     for _ in range(3):
         clock.hold(held(30.0))
-    assert clock.confirmed(held(30.0)) == ([], False)
+    assert clock.release_confirmed(held(30.0)) == ([], False)
 
 
 def test_a_new_epoch_takes_two_seconds_of_agreement() -> None:
@@ -85,12 +85,12 @@ def test_a_new_epoch_takes_two_seconds_of_agreement() -> None:
         clock = clock_at(500)
         for t_s in (base, base + 0.5, base + 1.9):
             clock.hold(held(t_s, ahead=ahead))
-            assert clock.confirmed(held(t_s, ahead=ahead)) == ([], False)
+            assert clock.release_confirmed(held(t_s, ahead=ahead)) == ([], False)
         newest = held(base + 2.0, ahead=ahead)
         clock.hold(newest)
-        released, anew = clock.confirmed(newest)
+        released, restart = clock.release_confirmed(newest)
         assert len(released) == 4
-        assert anew
+        assert restart
 
 
 def test_a_sample_that_takes_the_clock_further_drops_what_it_contradicts_and_all_votes() -> None:
@@ -99,8 +99,8 @@ def test_a_sample_that_takes_the_clock_further_drops_what_it_contradicts_and_all
         clock.hold(one)
     assert clock.follow(101 * S, "motion") == 2
     clock.hold(held(120.6))
-    assert clock.confirmed(held(120.6)) == ([], False)
-    assert clock.holds == 3
+    assert clock.release_confirmed(held(120.6)) == ([], False)
+    assert clock.held_count == 3
 
 
 def test_a_late_sample_contradicts_its_own_stream_only() -> None:
@@ -108,17 +108,17 @@ def test_a_late_sample_contradicts_its_own_stream_only() -> None:
     clock.hold(held(10, "a", ahead=False))
     clock.hold(held(10, "b", ahead=False))
     assert clock.follow(99 * S, "a") == 1
-    assert clock.holds == 1
+    assert clock.held_count == 1
 
 
 def test_what_lies_ahead_is_released_once_it_is_within_reach() -> None:
     clock = clock_at(0)
     clock.hold(held(8))
     clock.hold(held(20))
-    assert clock.caught_up() == []
+    assert clock.release_caught_up() == []
     clock.follow(4 * S, "motion")
-    assert [h.item for h in clock.caught_up()] == [8]
-    assert [h.item for h in clock.remaining()] == [20]
+    assert [h.measurement for h in clock.release_caught_up()] == [8]
+    assert [h.measurement for h in clock.release_all()] == [20]
 
 
 def test_the_number_of_held_samples_is_bounded() -> None:
@@ -126,24 +126,24 @@ def test_the_number_of_held_samples_is_bounded() -> None:
     dropped = most = 0
     for n in range(20_003):
         dropped += clock.hold(held(1e6 + n * 1e-6))
-        most = max(most, clock.holds)
+        most = max(most, clock.held_count)
     assert most == 8_192
-    assert clock.holds == 20_003 - dropped
+    assert clock.held_count == 20_003 - dropped
 
 
 def test_large_scans_fill_the_room_for_held_samples_sooner() -> None:
     n = 1_024
     scan = Scan(transmitters=("a",) * n, rssi_dbm=np.zeros(n), heard_ns=np.zeros(n, np.int64), t_ns=0)
     clock = clock_at(500)
-    dropped = sum(clock.hold(Held(k, "scan", Item(k, "scan", scan), ahead=False)) for k in range(200))
-    assert clock.holds == 200 - dropped < 8_192 // (n // 4)
+    dropped = sum(clock.hold(HeldMeasurement(k, "scan", Measurement(k, "scan", scan), ahead=False)) for k in range(200))
+    assert clock.held_count == 200 - dropped < 8_192 // (n // 4)
 
 
 def test_when_there_is_no_room_the_samples_that_came_first_are_dropped() -> None:
     clock = clock_at(0)
     for n in range(8_193):
         clock.hold(held(1e6 - n * 1e-6))
-    assert min(h.t_ns for h in clock.remaining()) == held(1e6 - 8_192 * 1e-6).t_ns
+    assert min(h.t_ns for h in clock.release_all()) == held(1e6 - 8_192 * 1e-6).t_ns
 
 
 def test_streams_of_ever_new_names_push_each_other_out_but_no_steady_one() -> None:
@@ -163,14 +163,14 @@ ATTACKS: dict[str, Callable[[DeviceClock, int], object]] = {
 
 
 def judged(clock: DeviceClock, t_ns: int, stream: str = "motion") -> None:
-    verdict = clock.judge(t_ns, stream, 90 * S)
-    if verdict is Verdict.FOLLOW:
+    verdict = clock.classify(t_ns, stream, 90 * S)
+    if verdict is TimestampVerdict.FOLLOW:
         clock.follow(t_ns, stream)
-        clock.caught_up()
-    elif verdict is not Verdict.STALE:
-        one = Held(t_ns, stream, t_ns, ahead=verdict is Verdict.HOLD_AHEAD)
+        clock.release_caught_up()
+    elif verdict is not TimestampVerdict.STALE:
+        one = HeldMeasurement(t_ns, stream, t_ns, ahead=verdict is TimestampVerdict.HOLD_AHEAD)
         clock.hold(one)
-        clock.confirmed(one)
+        clock.release_confirmed(one)
 
 
 @pytest.mark.parametrize("attack", ATTACKS)

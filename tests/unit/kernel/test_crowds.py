@@ -15,8 +15,8 @@ from toys import toy_pipeline
 
 from tickfix.api import TICK_NS, Fix, Samples, motion_samples
 from tickfix.api.events import MotionSamples
-from tickfix.kernel import LOST, Failure, Kernel, Outcome, Output
-from tickfix.kernel.timeline import FURTHEST_NS, Timeline
+from tickfix.kernel import QUARANTINED, Kernel, KernelOutput, MessageOutcome, StageFailure
+from tickfix.kernel.timeline import MAX_ADVANCE_NS, Timeline
 
 TICK = T0 // TICK_NS
 LENIENT = replace(SETTINGS, strict=False)
@@ -43,10 +43,10 @@ def test_samples_left_out_are_counted_and_a_tick_holds_no_more_however_many_come
         t_ns = T0 - 1 - n * 100 - np.arange(100)
         timeline.insert(motion_samples(t_ns, gyroscope=np.zeros((100, 3))))
     held = timeline._intervals[TICK].samples["gyroscope"]
-    assert held._loose is not None
-    assert len(held._loose) <= 1_024
+    assert held._by_time is not None
+    assert len(held._by_time) <= 1_024
     assert counts["accepted"] == 4_000
-    assert counts["crowded"] == 4_000 - len(held._loose)
+    assert counts["overflow"] == 4_000 - len(held._by_time)
 
 
 @settings(max_examples=2)
@@ -63,15 +63,15 @@ def test_of_too_many_scans_and_fixes_of_a_tick_the_first_stand_in_whatever_order
     assert folded.settled_as("d", "toy") == run([*walk(0, 1), *first, *walk(1, 3), scan(2.5, "x")]).settled_as(
         "d", "toy"
     )
-    assert folded.measurements["crowded"] == 2 * 26
+    assert folded.measurements["overflow"] == 2 * 26
 
 
 def test_one_message_takes_the_clock_ten_minutes_further_at_most() -> None:
     times = T0 + 59 * S * np.arange(4_096)
     wild = MotionSamples(sensors={"pressure": Samples(times, np.ones((4_096, 1)))}, device="d")
     folded = run([wild])
-    assert folded.outcomes == (Outcome.ACCEPTED,)
-    n_used = FURTHEST_NS // (59 * S) + 1
+    assert folded.outcomes == (MessageOutcome.ACCEPTED,)
+    n_used = MAX_ADVANCE_NS // (59 * S) + 1
     assert settled(folded)[-1].tick == TICK + -(-59 * S * n_used // TICK_NS)
     assert folded.measurements["dropped"] == 4_096 - n_used - 1
     again = run([wild, replace(wild, seq=7)])
@@ -103,9 +103,9 @@ def test_a_driver_may_close_a_few_ticks_at_a_time_and_comes_to_the_same() -> Non
         parts.feed(event)
     said = whole.run("d")
     pieces = []
-    while (standing := parts.standing("d")) is not None and standing.behind:
+    while (progress := parts.progress("d")) is not None and progress.backlog:
         piece = parts.run("d", None, 7)
-        assert len(piece.published) == min(7, standing.behind)
+        assert len(piece.published) == min(7, progress.backlog)
         pieces.append(piece)
     assert [e.tick for p in pieces for e in p.published] == [e.tick for e in said.published]
     assert [e.belief.xy.tolist() for p in pieces for e in p.published if e.belief] == [
@@ -125,7 +125,7 @@ def test_a_device_that_the_kernel_breaks_on_is_lost_alone(where: str, monkeypatc
 
     marked = "a kernel with a defect"
     monkeypatch.setattr(Timeline, where, broken)
-    told: list[Failure] = []
+    told: list[StageFailure] = []
     kernel = Kernel([toy_pipeline()], LENIENT, on_failure=told.append)
     events = [replace(event, device=device) for event in walk(0, 2) for device in ("d", "other")]
     for event in events:
@@ -133,14 +133,14 @@ def test_a_device_that_the_kernel_breaks_on_is_lost_alone(where: str, monkeypatc
     kernel.run_many([("d", None), ("other", None)])
     kernel.measurements[marked] = 1
     if where == "insert":
-        assert kernel.feed(walk(2, 3)[0]) is Outcome.MALFORMED
+        assert kernel.feed(walk(2, 3)[0]) is MessageOutcome.MALFORMED
     elif where == "close":
-        assert kernel.run("d", TICK + 20) == Output()
+        assert kernel.run("d", TICK + 20) == KernelOutput()
     else:
-        assert kernel.finish("d") == Output()
+        assert kernel.finish("d") == KernelOutput()
     del kernel.measurements[marked]
     assert kernel.devices == ("other",)
-    assert kernel.failures == {f"{LOST}: ZeroDivisionError": 1}
+    assert kernel.failures == {f"{QUARANTINED}: ZeroDivisionError": 1}
     assert "a defect" in told[0].detail
     kernel.feed(replace(walk(2, 3)[0], device="other"))
     assert kernel.run("other", TICK + 12).published
@@ -163,6 +163,6 @@ def test_a_device_that_is_abandoned_says_nothing_and_begins_anew() -> None:
     assert kernel.devices == ()
     assert kernel.run("d").published == []
     kernel.feed(walk(0, 2)[-1])
-    standing = kernel.standing("d")
-    assert standing is not None
-    assert standing.epoch == 1
+    progress = kernel.progress("d")
+    assert progress is not None
+    assert progress.epoch == 1

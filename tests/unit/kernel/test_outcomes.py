@@ -10,19 +10,8 @@ from lab import fold, numbered
 from streams import MS, SETTINGS, T0, S, published, run, sample, scan, settled, ticks, walk
 from toys import Chain, ToyFingerprint, ToyPdr, toy_pipeline
 
-from tickfix.api import (
-    LATEST_NS,
-    TICK_NS,
-    Fix,
-    PluginError,
-    Pressure,
-    Scan,
-    Status,
-    Truth,
-    Window,
-    motion_samples,
-)
-from tickfix.kernel import Failure, Kernel, Outcome, Stage
+from tickfix.api import LATEST_NS, TICK_NS, Fix, PluginError, Pressure, Scan, Status, Truth, Window, motion_samples
+from tickfix.kernel import Kernel, MessageOutcome, Stage, StageFailure
 
 
 def test_every_tick_from_the_first_sample_to_the_last_is_published_once() -> None:
@@ -59,7 +48,7 @@ def test_age_of_motion_tells_of_a_gap() -> None:
 
 def test_a_message_with_a_number_seen_before_is_a_duplicate() -> None:
     events = numbered([*walk(0, 2), scan(1.0, "a")])
-    assert run([*events, events[3], events[-1]]).outcomes[-2:] == (Outcome.DUPLICATE, Outcome.DUPLICATE)
+    assert run([*events, events[3], events[-1]]).outcomes[-2:] == (MessageOutcome.DUPLICATE, MessageOutcome.DUPLICATE)
 
 
 def test_of_a_device_that_left_the_numbers_of_its_last_two_sessions_are_known() -> None:
@@ -72,7 +61,11 @@ def test_of_a_device_that_left_the_numbers_of_its_last_two_sessions_are_known() 
     kept = kernel.snapshot()
     assert [one.session for one in kept.sessions] == ["18", "19"]
     assert len(kept.packed()) < 2_000
-    for session, outcome in (("17", Outcome.ACCEPTED), ("18", Outcome.DUPLICATE), ("19", Outcome.DUPLICATE)):
+    for session, outcome in (
+        ("17", MessageOutcome.ACCEPTED),
+        ("18", MessageOutcome.DUPLICATE),
+        ("19", MessageOutcome.DUPLICATE),
+    ):
         assert kernel.feed(sample(1.0, session=session, seq=5_000)) is outcome
 
 
@@ -80,13 +73,13 @@ def test_sequence_numbers_may_come_in_any_order_and_have_gaps() -> None:
     events = [replace(e, seq=7 * n) for n, e in enumerate(walk(0, 2), 1)]
     shuffled = [events[i] for i in np.random.default_rng(1).permutation(len(events))]
     folded = run(shuffled)
-    assert set(folded.outcomes) <= {Outcome.ACCEPTED, Outcome.LATE}
+    assert set(folded.outcomes) <= {MessageOutcome.ACCEPTED, MessageOutcome.LATE}
     assert folded.settled_as("d", "toy") == run(events).settled_as("d", "toy")
 
 
 def test_the_same_number_in_another_session_is_another_message() -> None:
     first, second = sample(0.1, session="a", seq=1), sample(0.3, session="b", seq=1)
-    assert run([first, second]).outcomes == (Outcome.ACCEPTED, Outcome.ACCEPTED)
+    assert run([first, second]).outcomes == (MessageOutcome.ACCEPTED, MessageOutcome.ACCEPTED)
 
 
 def test_the_same_content_under_another_number_is_a_duplicate() -> None:
@@ -94,7 +87,7 @@ def test_the_same_content_under_another_number_is_a_duplicate() -> None:
     events = [replace(scan(1.0, "a"), seq=2), replace(sample(1.1), seq=3), fix]
     again = [replace(event, seq=event.seq + 10, session="later") for event in events]
     folded = run([*events, *again])
-    assert folded.outcomes[3:] == (Outcome.DUPLICATE,) * 3
+    assert folded.outcomes[3:] == (MessageOutcome.DUPLICATE,) * 3
     assert folded.settled_as("d", "toy") == run(events).settled_as("d", "toy")
 
 
@@ -102,7 +95,7 @@ def test_of_two_samples_at_one_instant_the_smaller_stands_whichever_came_first()
     a, b, later = sample(0.1, 2.0), sample(0.1, 1.0), sample(0.9)
     one, other = run([a, b, later]), run([b, a, later])
     assert one.settled_as("d", "toy") == other.settled_as("d", "toy") == run([b, later]).settled_as("d", "toy")
-    assert one.outcomes[1] == other.outcomes[1] == Outcome.DUPLICATE
+    assert one.outcomes[1] == other.outcomes[1] == MessageOutcome.DUPLICATE
 
 
 def test_the_sign_of_a_zero_is_not_decided_by_arrival() -> None:
@@ -136,7 +129,7 @@ def test_what_comes_behind_the_horizon_is_stale_where_its_number_tells_that_it_w
     events = numbered(walk(0, 20))
     late = events[10:40]
     folded = run([*events[:10], *events[40:180], *late, *events[180:]])
-    assert folded.outcomes[150:180] == (Outcome.STALE,) * 30
+    assert folded.outcomes[150:180] == (MessageOutcome.STALE,) * 30
     assert folded.measurements["stale"] == sum(len(e.sensors["accelerometer"]) for e in late)
     assert {e.epoch for e in settled(folded)} == {0}
     assert folded.settled_as("d", "toy") == run([*events[:10], *events[40:]]).settled_as("d", "toy")
@@ -239,7 +232,7 @@ def test_what_is_not_finite_is_left_out_sample_by_sample() -> None:
 )
 def test_an_event_of_which_nothing_can_be_used_is_malformed(event: Scan) -> None:
     folded = run([event, *walk(0, 1)])
-    assert folded.outcomes[0] == Outcome.MALFORMED
+    assert folded.outcomes[0] == MessageOutcome.MALFORMED
     assert folded.settled_as("d", "toy") == run(walk(0, 1)).settled_as("d", "toy")
 
 
@@ -252,7 +245,7 @@ def test_a_time_that_is_none_is_left_out_and_leaves_the_track_as_it_was(t_ns: in
         motion_samples([t_ns], accelerometer=[[0.0, 0.0, 9.8]], device="d"),
     ]
     alone = run(wild)
-    assert alone.outcomes == (Outcome.MALFORMED,) * 4
+    assert alone.outcomes == (MessageOutcome.MALFORMED,) * 4
     assert published(alone) == []
     mixed = motion_samples([T0, t_ns], accelerometer=[[0.0, 0.0, 9.8]] * 2, device="d")
     folded = run([*walk(0, 2), *wild, replace(mixed, seq=0), *walk(2, 4)])
@@ -270,13 +263,13 @@ def test_readings_that_are_not_finite_or_from_the_future_are_left_out_of_a_scan(
     heard = T0 + S * np.array([1, 1, 3])
     bad = Scan(transmitters=("a", "b", "c"), rssi_dbm=np.array([-60.0, np.nan, -50.0]), heard_ns=heard, t_ns=T0 + S)
     folded = run([*walk(0, 2), replace(bad, device="d")])
-    assert folded.measurements["invalid readings"] == 2
+    assert folded.measurements["invalid_readings"] == 2
     assert folded.settled_as("d", "toy") == run([*walk(0, 2), scan(1.0, "a")]).settled_as("d", "toy")
 
 
 def test_a_scan_without_readings_is_seen_and_says_nothing() -> None:
     folded = run([scan(0.5), *walk(0, 2)])
-    assert set(folded.outcomes) == {Outcome.ACCEPTED}
+    assert set(folded.outcomes) == {MessageOutcome.ACCEPTED}
     assert {e.status for e in settled(folded)} == {Status.INITIALISING}
 
 
@@ -294,7 +287,7 @@ def test_a_device_with_scans_only_is_followed_scan_by_scan(every_s: float) -> No
     track = published(folded)
     assert {e.epoch for e in track} == {0}
     assert track[-1].t_ns == T0 + round(11 * every_s) * S
-    assert set(folded.outcomes) == {Outcome.ACCEPTED}
+    assert set(folded.outcomes) == {MessageOutcome.ACCEPTED}
 
 
 def test_a_device_with_scans_only_may_reboot() -> None:
@@ -331,7 +324,7 @@ def test_a_driver_closes_ticks_and_what_comes_after_is_late() -> None:
         kernel.feed(event)
     assert len(kernel.run("d", T0 // TICK_NS + 10).published) == 11
     (late,) = walk(1.5, 1.6)
-    assert kernel.feed(late) == Outcome.LATE
+    assert kernel.feed(late) == MessageOutcome.LATE
     output = kernel.run("d")
     assert not output.published
     assert [e.tick - T0 // TICK_NS for e in output.revised] == [8, 9, 10]
@@ -340,7 +333,7 @@ def test_a_driver_closes_ticks_and_what_comes_after_is_late() -> None:
 
 def test_a_late_scan_revises_what_was_published_since() -> None:
     folded = run([scan(0.1, "a"), *walk(0, 4), scan(2.0, "b")])
-    assert folded.outcomes[-1] == Outcome.LATE
+    assert folded.outcomes[-1] == MessageOutcome.LATE
     revised = folded.revised["d", "toy"]
     assert [e.t_ns - T0 for e in revised] == [TICK_NS * k for k in range(10, 20)]
     assert folded.settled_as("d", "toy") == run([scan(0.1, "a"), *walk(0, 2), scan(2.0, "b"), *walk(2, 4)]).settled_as(
@@ -364,7 +357,7 @@ def test_an_estimate_coasts_ten_seconds_after_the_last_observation_used() -> Non
 
 def test_truth_is_accepted_and_makes_no_device() -> None:
     kernel = Kernel([toy_pipeline()], SETTINGS)
-    assert kernel.feed(Truth(t_ns=T0, floor="F", xy=np.zeros(2), device="d")) == Outcome.ACCEPTED
+    assert kernel.feed(Truth(t_ns=T0, floor="F", xy=np.zeros(2), device="d")) == MessageOutcome.ACCEPTED
     assert kernel.devices == ()
     assert not kernel.run("d").published
     assert not kernel.finish("d").settled
@@ -400,7 +393,7 @@ def test_who_failed_is_told_at_once() -> None:
         def start(self) -> Chain:
             raise AttributeError("not today")
 
-    told: list[Failure] = []
+    told: list[StageFailure] = []
     bad = replace(toy_pipeline(), pdr=Stage("pdr", "bad", "bad", Broken()))
     kernel = Kernel([bad], on_failure=told.append)
     kernel.feed(sample(0.1))

@@ -8,11 +8,11 @@ import sys
 import numpy as np
 import pytest
 
-from tickfix.kernel.probe import numeric_probe
+from tickfix.kernel.determinism import numeric_probe
 
 
 def test_the_probe_repeats_in_another_process() -> None:
-    command = [sys.executable, "-c", "from tickfix.kernel.probe import numeric_probe as p; print(p())"]
+    command = [sys.executable, "-c", "from tickfix.kernel.determinism import numeric_probe as p; print(p())"]
     said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()  # noqa: S603
     assert said == numeric_probe()
     assert len(said) == 64

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.api import TICK_NS, MotionSamples, Samples
-from tickfix.kernel.samples import TickSamples, by_tick
+from tickfix.kernel.measurements import TickSamples, split_by_tick
 from tickfix.kernel.timeline import Timeline
 
 S = 1_000_000_000
@@ -85,7 +85,7 @@ def test_what_comes_again_is_neither_new_nor_a_change() -> None:
 @pytest.mark.parametrize("n", [0, 1, 50])
 def test_samples_belong_to_the_tick_that_closes_their_interval(n: int) -> None:
     t_ns = T0 + PARTS * np.arange(n)
-    parts = list(by_tick(t_ns.tolist()))
+    parts = list(split_by_tick(t_ns.tolist()))
     assert [k for tick, begin, end in parts for k in [tick] * (end - begin)] == (-(-t_ns // TICK_NS)).tolist()
 
 

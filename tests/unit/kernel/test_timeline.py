@@ -9,8 +9,8 @@ import pytest
 from streams import MS, T0, S, sample, scan
 
 from tickfix.api import TICK_NS, Fix, MotionSamples, Pressure, Samples, Scan, Window
-from tickfix.kernel.intake import Outcome
-from tickfix.kernel.samples import tick_of
+from tickfix.kernel.deduplication import MessageOutcome
+from tickfix.kernel.measurements import tick_of
 from tickfix.kernel.timeline import Timeline
 
 
@@ -40,16 +40,16 @@ def test_pressure_is_a_sensor_of_the_tick_but_does_not_close_it(timeline: Timeli
     timeline.insert(sample(0.1))
     timeline.insert(Pressure(t_ns=T0 + S, pressure_hpa=1000.0))
     assert timeline.motion(tick_of(T0 + S)).sensors["pressure"].values.tolist() == [[1000.0]]
-    assert timeline.passed == tick_of(T0)
+    assert timeline.watermark == tick_of(T0)
 
 
 def test_a_tick_has_passed_when_every_sensor_heard_in_the_last_second_passed_it(timeline: Timeline) -> None:
     one = np.ones((1, 3))
     for t_s, sensor in ((0.1, "accelerometer"), (0.1, "gyroscope"), (0.7, "accelerometer")):
         timeline.insert(MotionSamples(sensors={sensor: Samples(np.array([T0 + round(t_s * S)]), one)}))
-    assert timeline.passed == tick_of(T0)
+    assert timeline.watermark == tick_of(T0)
     timeline.insert(sample(1.2))
-    assert timeline.passed == tick_of(T0) + 6
+    assert timeline.watermark == tick_of(T0) + 6
 
 
 def test_scans_and_fixes_of_a_tick_come_in_one_order(timeline: Timeline) -> None:
@@ -87,7 +87,7 @@ def test_a_window_holds_each_reading_once_by_the_scan_that_brought_it_first(time
 def test_what_was_inserted_behind_a_closed_tick_is_late(timeline: Timeline) -> None:
     timeline.insert(sample(5))
     timeline.close(tick_of(T0 + 5 * S))
-    assert timeline.insert(scan(1.0, "a")).outcome is Outcome.LATE
+    assert timeline.insert(scan(1.0, "a")).outcome is MessageOutcome.LATE
     assert timeline.changes.scans == tick_of(T0 + S)
 
 

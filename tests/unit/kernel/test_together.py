@@ -9,18 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tickfix.api import (
-    TICK_NS,
-    Belief,
-    Fix,
-    Motion,
-    Observation,
-    PluginError,
-    Prior,
-    Report,
-    Rng,
-    Status,
-)
+from tickfix.api import TICK_NS, Belief, Fix, Motion, Observation, PluginError, Prior, Report, Rng, Status
 from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Pipeline, Stage
 
 T0 = 50 * TICK_NS

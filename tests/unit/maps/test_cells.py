@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tickfix.api import Bools, Context, Floats, Floor
-from tickfix_maps.cells import MARGIN_M, Cells
-from tickfix_maps.segments import SegmentIndex
+from tickfix_maps.segment_index import GRID_MARGIN_M, CellGrid, SegmentIndex
 from tickfix_maps.walls import Walls, WallsParams
 
 exact = st.integers(0, 24).map(lambda n: n / 4)
@@ -24,7 +23,7 @@ short = st.tuples(exact, exact, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5)).map(
 moves = st.lists(st.one_of(segment, short, st.tuples(*[anywhere] * 4)), min_size=1, max_size=30)
 
 
-def of(rows: list[tuple[float, ...]]) -> Floats:
+def index_of(rows: list[tuple[float, ...]]) -> Floats:
     return np.array(rows).reshape(-1, 2, 2)
 
 
@@ -44,7 +43,7 @@ def every_pair(a: Floats, b: Floats, segments: Floats) -> Bools:
 @settings(max_examples=300)
 @given(segments=drawing, moves=moves)
 def test_crossings_are_those_of_every_pair(segments: list[tuple[float, ...]], moves: list[tuple[float, ...]]) -> None:
-    walls, ways = of(segments), of(moves)
+    walls, ways = index_of(segments), index_of(moves)
     a, b = ways[:, 0], ways[:, 1]
     found = SegmentIndex(walls).crosses(a, b)
     assert found.tolist() == every_pair(a, b, walls).tolist()
@@ -65,7 +64,7 @@ def test_crossings_of_a_crowd_are_those_of_every_pair() -> None:
 
 def test_a_move_is_told_the_same_alone_and_in_company() -> None:
     rng = np.random.default_rng(1)
-    walls = of([(0, 0, 6, 0), (6, 0, 6, 6), (3, 0, 3, 5), (1, 1, 2, 2)])
+    walls = index_of([(0, 0, 6, 0), (6, 0, 6, 6), (3, 0, 3, 5), (1, 1, 2, 2)])
     index = SegmentIndex(walls)
     a = rng.uniform(-1.0, 7.0, (9000, 2))
     b = a + rng.normal(0.0, 0.4, a.shape)
@@ -80,11 +79,11 @@ def test_a_move_is_told_the_same_alone_and_in_company() -> None:
 def test_no_point_is_nearer_to_a_wall_than_its_cell_says(
     segments: list[tuple[float, ...]], points: list[tuple[float, float]]
 ) -> None:
-    cells, xy = Cells(of(segments)), np.array(points)
-    clearance_m = cells.clearance_m()[cells.of(xy.T)]
-    distance_m = shapely.distance(shapely.points(xy), shapely.MultiLineString(list(of(segments))))
+    cells, xy = CellGrid(index_of(segments)), np.array(points)
+    clearance_m = cells.clearance_m()[cells.index_of(xy.T)]
+    distance_m = shapely.distance(shapely.points(xy), shapely.MultiLineString(list(index_of(segments))))
     assert (clearance_m <= distance_m + 1e-9).all()
-    assert (clearance_m >= np.minimum(distance_m, MARGIN_M) - 2.0 * np.sqrt(2.0) * cells.side_m - 1e-9).all()
+    assert (clearance_m >= np.minimum(distance_m, GRID_MARGIN_M) - 2.0 * np.sqrt(2.0) * cells.side_m - 1e-9).all()
 
 
 @settings(max_examples=100)
@@ -107,6 +106,6 @@ def test_where_one_can_stand_is_what_the_area_says_of_each_point(
 
 @pytest.mark.parametrize("size_m", [10.0, 900.0])
 def test_a_large_floor_has_coarser_cells_not_more_of_them(size_m: float) -> None:
-    cells = Cells(of([(0.0, 0.0, size_m, size_m)]))
-    assert cells.passed.size < 2.1e6
-    assert cells.side_m == pytest.approx(max(0.1, (size_m + 2 * MARGIN_M) / np.sqrt(2e6)))
+    cells = CellGrid(index_of([(0.0, 0.0, size_m, size_m)]))
+    assert cells.occupied.size < 2.1e6
+    assert cells.side_m == pytest.approx(max(0.1, (size_m + 2 * GRID_MARGIN_M) / np.sqrt(2e6)))

@@ -10,9 +10,8 @@ import pytest
 from matplotlib.image import imsave
 
 from tickfix.api import Context, Floor
-from tickfix_maps.image import Image, ImageParams
-from tickfix_maps.plan_image import binary, grey, matching_matrix, walkways
-from tickfix_maps.raster import drawn, filled, passed
+from tickfix_maps.image import Image, ImageParams, matching_matrix, medial_axis, threshold_image, to_greyscale
+from tickfix_maps.raster import rasterise_rings, rasterise_segments, traverse_pixels
 
 
 def drawing(*rows: str) -> np.ndarray:
@@ -33,11 +32,11 @@ def rooms(**params: object) -> Image:
 
 
 def test_equation_7_calls_light_what_reaches_the_threshold() -> None:
-    assert binary(np.array([[0.54, 0.55, 0.56]]), 0.55).tolist() == [[False, True, True]]
+    assert threshold_image(np.array([[0.54, 0.55, 0.56]]), 0.55).tolist() == [[False, True, True]]
 
 
 def test_equation_8_tells_free_structure_and_walkway_apart() -> None:
-    no_model, model = (binary(grey(drawing(*rows)), 0.55) for rows in (PLAN, WITH_WALKWAYS))
+    no_model, model = (threshold_image(to_greyscale(drawing(*rows)), 0.55) for rows in (PLAN, WITH_WALKWAYS))
     assert matching_matrix(model, no_model)[::-1].tolist() == [
         [0, 0, 0, 0, 0, 0, 0],
         [0, 1, 1, 0, 1, 1, 0],
@@ -63,14 +62,14 @@ def test_images_of_any_kind_become_grey_with_the_south_first(kind: str) -> None:
         image = np.repeat(image[..., None], 4 if "rgba" in kind else 3, axis=2)
     if "bytes" in kind:
         image = (255 * image).astype(np.uint8)
-    assert grey(image) == pytest.approx(np.array([[0.0, 0.0], [1.0, 0.0]]))
+    assert to_greyscale(image) == pytest.approx(np.array([[0.0, 0.0], [1.0, 0.0]]))
 
 
 def test_drawn_floors_are_read_from_files_and_stretched_to_the_size_of_the_floor(tmp_path: Path) -> None:
     imsave(tmp_path / "F1.png", drawing(*PLAN), cmap="gray", vmin=0, vmax=1)
     imsave(tmp_path / "F1-ways.png", drawing(*WITH_WALKWAYS), cmap="gray", vmin=0, vmax=1)
     named = f"{tmp_path}/{{floor}}"
-    params = ImageParams(plan=f"{named}.png", plan_with_walkways=f"{named}-ways.png", beyond_walls=True)
+    params = ImageParams(plan=f"{named}.png", plan_with_walkways=f"{named}-ways.png", snap_across_walls=True)
     image = Image(params, Context(floor=Floor(name="F1", width_m=14.0, height_m=10.0)))
     assert (image.I_match == -1).sum() == 7
     assert image.contains(np.array([[3.0, 3.0], [7.0, 7.0], [7.0, 3.0], [1.0, 1.0]])).tolist() == [1, 0, 1, 0]
@@ -79,7 +78,7 @@ def test_drawn_floors_are_read_from_files_and_stretched_to_the_size_of_the_floor
 
 
 def test_a_move_passes_every_pixel_on_its_way_in_order() -> None:
-    move, row, column = passed(np.array([[0.5, 0.5], [2.5, 0.5]]), np.array([[2.5, 1.4], [2.5, 0.6]]))
+    move, row, column = traverse_pixels(np.array([[0.5, 0.5], [2.5, 0.5]]), np.array([[2.5, 1.4], [2.5, 0.6]]))
     assert move.tolist() == [0, 0, 0, 0, 1]
     assert list(zip(column.tolist(), row.tolist(), strict=True))[:4] == [(0, 0), (1, 0), (1, 1), (2, 1)]
 
@@ -87,7 +86,7 @@ def test_a_move_passes_every_pixel_on_its_way_in_order() -> None:
 def test_the_pixels_of_moves_are_those_that_dense_sampling_finds() -> None:
     rng = np.random.default_rng(1)
     a, b = rng.uniform(-5, 25, (200, 2)), rng.uniform(-5, 25, (200, 2))
-    move, row, column = passed(a, b)
+    move, row, column = traverse_pixels(a, b)
     exact = set(zip(move.tolist(), column.tolist(), row.tolist(), strict=True))
     shares = np.linspace(0, 1, 3001)[:, None, None]
     sampled = np.floor(a + shares * (b - a)).astype(int)
@@ -100,13 +99,13 @@ def test_the_pixels_of_moves_are_those_that_dense_sampling_finds() -> None:
 def test_no_move_slips_diagonally_through_a_drawn_wall(slope: float) -> None:
     x = np.array([0.0, 30.0])
     wall = np.stack([x, 15.0 + slope * (x - 15.0)], axis=1)[None]
-    matrix = drawn(wall, (30, 30))
+    matrix = rasterise_segments(wall, (30, 30))
     rng = np.random.default_rng(2)
     a = rng.uniform(8, 22, (400, 2))
     above = a[:, 1] > 15.0 + slope * (a[:, 0] - 15.0)
     b = a[rng.permutation(400)]
     sides = above != (b[:, 1] > 15.0 + slope * (b[:, 0] - 15.0))
-    move, row, column = passed(a, b)
+    move, row, column = traverse_pixels(a, b)
     stopped = np.zeros(400, np.bool_)
     stopped[move[matrix[row, column]]] = True
     assert sides.sum() > 100
@@ -116,22 +115,22 @@ def test_no_move_slips_diagonally_through_a_drawn_wall(slope: float) -> None:
 def test_rings_are_filled_by_parity_or_together() -> None:
     square = np.array([[1.0, 1.0], [5.0, 1.0], [5.0, 5.0], [1.0, 5.0]])
     shifted = square[::-1] + 2.0
-    assert filled([square], (6, 6), union=False).sum() == 16
-    assert filled([square, shifted], (8, 8), union=False).sum() == 16 + 16 - 2 * 4
-    assert filled([square, shifted], (8, 8), union=True).sum() == 16 + 16 - 4
+    assert rasterise_rings([square], (6, 6), union=False).sum() == 16
+    assert rasterise_rings([square, shifted], (8, 8), union=False).sum() == 16 + 16 - 2 * 4
+    assert rasterise_rings([square, shifted], (8, 8), union=True).sum() == 16 + 16 - 4
 
 
 def test_the_walkway_of_a_corridor_is_its_middle_line() -> None:
     free = np.zeros((11, 60), np.bool_)
     free[1:10, 1:59] = True
-    axis = walkways(free, apart=7.0)
+    axis = medial_axis(free, apart=7.0)
     assert axis[5, 6:54].all()
     assert not axis[[1, 2, 8, 9]].any()
 
 
 def test_walkways_are_free_and_lead_through_the_door() -> None:
     image = rooms(resolution_m=0.1)
-    ways = image._walkways
+    ways = image._walkway_tree
     assert ways is not None
     assert image.contains(ways.data).all()
     assert ways.query([4.05, 1.5])[0] < 0.2
@@ -146,9 +145,9 @@ def test_a_reasonable_place_is_not_moved() -> None:
 
 @pytest.mark.parametrize("xy", [(5.0, 4.0), (4.0, 4.0), (-1.0, 4.0), (9.0, 9.0), (1e9, -1e9)])
 def test_a_place_behind_or_inside_structure_goes_to_the_walkway_next_to_the_midpoint(xy: tuple[float, float]) -> None:
-    image, previous = rooms(beyond_walls=True), np.array([3.0, 4.0])
+    image, previous = rooms(snap_across_walls=True), np.array([3.0, 4.0])
     corrected = image.snap(previous, np.array(xy))
-    ways = image._walkways
+    ways = image._walkway_tree
     assert ways is not None
     middle = 0.5 * (previous + xy)
     assert np.hypot(*(corrected - middle)) == pytest.approx(np.hypot(*(ways.data - middle).T).min())
@@ -165,7 +164,7 @@ def test_a_place_in_structure_with_none_before_it_goes_to_the_walkway_next_to_it
 def test_by_default_a_correction_is_reached_without_passing_a_wall() -> None:
     image, previous, beyond = rooms(), np.array([3.5, 5.0]), np.array([7.5, 5.0])
     assert not image.crosses(previous[None], image.snap(previous, beyond)[None])[0]
-    assert rooms(beyond_walls=True).snap(previous, beyond)[0] > 4.2
+    assert rooms(snap_across_walls=True).snap(previous, beyond)[0] > 4.2
 
 
 def test_walls_are_crossed_and_the_door_is_open() -> None:

@@ -10,8 +10,8 @@ import pytest
 
 from tickfix.api import TICK_NS, Motion, MotionSamples
 from tickfix.simulation import SimulatedWalk, demo_building, simulate_walks
-from tickfix.site.walks import survey_walk
-from tickfix_pdr.calibration import within
+from tickfix.site.waypoints import to_survey_walk
+from tickfix.toolkit.calibration import samples_between
 
 
 @pytest.fixture(scope="session")
@@ -25,10 +25,10 @@ def reckon() -> Callable[[Any, SimulatedWalk], list[Motion]]:
     """Return what runs a pdr over a walk: the motion of every tick."""
 
     def run(pdr: Any, walk: SimulatedWalk) -> list[Motion]:
-        samples: MotionSamples = survey_walk(walk.recording, walk.recording.name).motion
+        samples: MotionSamples = to_survey_walk(walk.recording, walk.recording.name).motion
         state, motions = pdr.start(), []
         for k in range(samples.t0_ns // TICK_NS, -(-samples.t1_ns // TICK_NS) + 1):
-            state, motion = pdr.step(state, within(samples, (k - 1) * TICK_NS, k * TICK_NS))
+            state, motion = pdr.step(state, samples_between(samples, (k - 1) * TICK_NS, k * TICK_NS))
             motions.append(motion)
         return motions
 

@@ -11,14 +11,20 @@ import pytest
 
 from tickfix.api import TICK_NS, Context, Motion, MotionSamples, Samples, wrap_rad
 from tickfix.simulation import SimulatedWalk
-from tickfix_pdr.calibration import within
-from tickfix_pdr.extrema import Extremum, SignalState, fold_signal
-from tickfix_pdr.hybrid_heading import HybridWeights, hybrid_heading
-from tickfix_pdr.multi_threshold import MultiThreshold, MultiThresholdParams
-from tickfix_pdr.multi_threshold_detector import StepState, Thresholds, fold_extrema
+from tickfix.toolkit.calibration import samples_between
+from tickfix.toolkit.step_signal import Extremum, SignalState, detect_extrema
+from tickfix_pdr.multi_threshold import (
+    HybridWeights,
+    MultiThreshold,
+    MultiThresholdParams,
+    StepState,
+    StepThresholds,
+    detect_steps_from_extrema,
+    hybrid_heading,
+)
 
 Reckon = Callable[[Any, SimulatedWalk], list[Motion]]
-THRESHOLDS = Thresholds(amplitude=1.0, between_s=0.2, standing_s=1.5)
+THRESHOLDS = StepThresholds(amplitude=1.0, min_peak_interval_s=0.2, stationary_after_s=1.5)
 WEIGHTS = HybridWeights(alpha=2.0, beta=1.0, gamma=1.0, theta_c=0.3, theta_m=0.1)
 
 
@@ -29,7 +35,7 @@ def extrema(*seconds_and_values: tuple[float, float]) -> list[Extremum]:
 
 def steps(*seconds_and_values: tuple[float, float]) -> list[tuple[float, float, float]]:
     """Return (time, acc_max, acc_min) of the steps found."""
-    found = fold_extrema(StepState(), extrema(*seconds_and_values), THRESHOLDS)[1]
+    found = detect_steps_from_extrema(StepState(), extrema(*seconds_and_values), THRESHOLDS)[1]
     return [(step.t_ns * 1e-9, step.acc_max, step.acc_min) for step in found]
 
 
@@ -66,7 +72,7 @@ def test_who_stood_begins_anew() -> None:
 def test_extrema_of_a_raw_wave_lie_where_the_wave_turns() -> None:
     t = np.arange(0.0, 3.0, 0.01)
     a = np.stack([0 * t, 0 * t, 9.81 + 2.0 * np.sin(2.0 * np.pi * t)], axis=1)
-    found = fold_signal(SignalState(), Samples(np.rint(t * 1e9).astype(np.int64), a), 0.0)[1]
+    found = detect_extrema(SignalState(), Samples(np.rint(t * 1e9).astype(np.int64), a), 0.0)[1]
     times = [(e.t_ns * 1e-9, e.peak) for e in found if e.t_ns > 0]
     assert [peak for _, peak in times] == [True, False, True, False, True, False]
     assert [s for s, _ in times] == pytest.approx([0.25, 0.75, 1.25, 1.75, 2.25, 2.75], abs=0.03)
@@ -100,7 +106,9 @@ def test_a_step_is_as_long_as_equation_7_says() -> None:
     pdr, samples = MultiThreshold(MultiThresholdParams(low_pass_hz=0.0, length_factor=0.5), Context()), None
     state, last = pdr.start(), None
     for k in range(1, 40):
-        samples = within(MotionSamples(sensors={"accelerometer": Samples(t_ns, a)}), (k - 1) * TICK_NS, k * TICK_NS)
+        samples = samples_between(
+            MotionSamples(sensors={"accelerometer": Samples(t_ns, a)}), (k - 1) * TICK_NS, k * TICK_NS
+        )
         state, motion = pdr.step(state, samples)
         last = motion if motion.steps else last
     assert last is not None
@@ -113,7 +121,7 @@ def test_steps_and_way_of_simulated_walks_are_right(walks: list[SimulatedWalk], 
     for walk in walks:
         motions = reckon(pdr, walk)
         assert sum(motion.steps for motion in motions) == pytest.approx(len(walk.steps), rel=0.05)
-        assert motions[-1].travelled_m == pytest.approx(walk.trajectory.way_m[-1], rel=0.12)
+        assert motions[-1].travelled_m == pytest.approx(walk.trajectory.distance_m[-1], rel=0.12)
 
 
 def test_the_heading_follows_simulated_turns(walks: list[SimulatedWalk], reckon: Reckon) -> None:

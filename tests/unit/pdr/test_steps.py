@@ -18,14 +18,14 @@ from tickfix.simulation import (
     office_building,
     random_route,
     simulate_walk,
-    walkable,
+    walkable_grid,
 )
-from tickfix_pdr.steps import Steps, StepsParams
+from tickfix_pdr.steps import StepsParams, StepsPdr
 
 
 def motions(sensors: dict[str, Samples], **params: float) -> Iterator[Motion]:
     """Fold samples tick by tick."""
-    pdr = Steps(StepsParams(**params), Context())
+    pdr = StepsPdr(StepsParams(**params), Context())
     state = pdr.start()
     heard = [s.t_ns for s in sensors.values()]
     first, last = min(int(t[0]) for t in heard), max(int(t[-1]) for t in heard)
@@ -60,7 +60,7 @@ def walk(request: pytest.FixtureRequest) -> SimulatedWalk:
         np.random.default_rng(1), width_m=48.0, height_m=30.0, magnetism=Magnetism(north_rad=0.0, disturbance_ut=0.0)
     )
     rng = np.random.default_rng(request.param)
-    route = random_route(walkable(building.floors[0]), rng, 70.0)
+    route = random_route(walkable_grid(building.floors[0]), rng, 70.0)
     walker, phone = draw_walker(rng), draw_phone(rng)
     return simulate_walk(building, route, rng, name="walk", walker=walker, phone=phone)
 
@@ -72,7 +72,7 @@ def test_steps_are_counted_within_eight_per_cent(walk: SimulatedWalk) -> None:
 
 def test_the_way_has_its_length_within_a_third(walk: SimulatedWalk) -> None:
     walked_m = sum(motion.distance_m for motion in motions(sensors_of(walk)))
-    assert walked_m == pytest.approx(float(walk.trajectory.way_m[-1]), rel=0.34)
+    assert walked_m == pytest.approx(float(walk.trajectory.distance_m[-1]), rel=0.34)
 
 
 @pytest.mark.parametrize("without", [(), ("rotation_vector",), ("rotation_vector", "gyroscope")])
@@ -91,10 +91,10 @@ def test_the_heading_is_that_of_the_walk(walk: SimulatedWalk, without: tuple[str
     assert abs(off) < 0.6
 
 
-def heading_spread_rad(walk: SimulatedWalk, sensors: dict[str, Samples], gyroscope_s: float) -> float:
+def heading_spread_rad(walk: SimulatedWalk, sensors: dict[str, Samples], gyroscope_time_constant_s: float) -> float:
     """Return the standard deviation of the steps' headings, apart from how the phone is held."""
     errors = []
-    for motion in motions(sensors, gyroscope_s=gyroscope_s):
+    for motion in motions(sensors, gyroscope_time_constant_s=gyroscope_time_constant_s):
         if motion.steps and motion.heading_rad is not None:
             middle_s = (0.5 * (motion.t0_ns + motion.t1_ns) - walk.t_ns[0]) * 1e-9
             errors.append(motion.heading_rad - float(walk.trajectory.heading_at(np.array(middle_s - 0.3))))
@@ -109,7 +109,7 @@ def test_the_gyroscope_carries_the_heading_through_a_disturbed_field() -> None:
     carried, followed = [], []
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        route = random_route(walkable(building.floors[0]), rng, 70.0)
+        route = random_route(walkable_grid(building.floors[0]), rng, 70.0)
         walker, phone = draw_walker(rng), draw_phone(rng)
         walk = simulate_walk(building, route, rng, name="walk", walker=walker, phone=phone)
         carried.append(heading_spread_rad(walk, sensors_of(walk), 40.0))
@@ -138,8 +138,8 @@ def test_the_heading_is_told_to_change_less_where_a_gyroscope_carries_it(walk: S
     without = {name: samples for name, samples in sensors.items() if name != "gyroscope"}
     carried = {m.turn_bias_sigma_rad for m in motions(sensors) if m.steps == 1}
     compass = {m.turn_bias_sigma_rad for m in motions(without) if m.steps == 1}
-    assert carried == {StepsParams().gyroscope_walk_rad}
-    assert compass == {StepsParams().bias_walk_rad}
+    assert carried == {StepsParams().gyroscope_bias_random_walk_rad}
+    assert compass == {StepsParams().heading_bias_random_walk_rad}
 
 
 def test_the_gyroscope_alone_tells_how_the_walk_turns(walk: SimulatedWalk) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tickfix.api import BasePdr, PluginError, Stateless, hookimpl
-from tickfix.plugins import check_class, discover
+from tickfix.registry import check_algorithm_class, discover
 
 
 class Walk(BasePdr[Any]):
@@ -139,4 +139,4 @@ def no_step(self: Any, state: Any) -> Any:
 )
 def test_a_class_that_breaks_its_contract_is_told_what_is_expected(changes: dict[str, Any], says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        check_class(type("Odd", (Walk,), changes))
+        check_algorithm_class(type("Odd", (Walk,), changes))

@@ -9,8 +9,7 @@ import pytest
 
 from tickfix.api import ConfigError
 from tickfix.api.errors import PortError
-from tickfix.ports.addresses import check_free, parse_address, require_keys
-from tickfix.ports.holders import holder_of
+from tickfix.ports.sockets import check_ipc_path_free, find_listening_process, parse_address, require_keys_unless_local
 
 
 @pytest.mark.parametrize(
@@ -37,7 +36,7 @@ def test_an_address_is_local_only_when_no_other_machine_can_reach_it(text: str, 
     assert (address.endpoint, address.local) == (endpoint, local)
     if not local:
         with pytest.raises(ConfigError, match=r"ports\.sensors: .*tickfix keys new engine"):
-            require_keys("ports.sensors", address)
+            require_keys_unless_local("ports.sensors", address)
 
 
 @pytest.mark.parametrize(
@@ -53,19 +52,19 @@ def test_what_is_no_address_is_named_with_its_setting(text: str) -> None:
 def test_an_ipc_path_is_never_taken_from_who_listens_there_nor_from_a_file(tmp_path: Path) -> None:
     path = tmp_path / "sensors"
     address = parse_address("ports.sensors", f"ipc://{path}")
-    check_free("ports.sensors", address)
+    check_ipc_path_free("ports.sensors", address)
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
         listener.listen()
         with pytest.raises(PortError, match="is taken"):
-            check_free("ports.sensors", address)
-    check_free("ports.sensors", address)  # what a dead process left behind is in nobody's way
+            check_ipc_path_free("ports.sensors", address)
+    check_ipc_path_free("ports.sensors", address)  # what a dead process left behind is in nobody's way
     path.unlink()
     path.write_text("precious")
     with pytest.raises(PortError, match="is a file"):
-        check_free("ports.sensors", address)
+        check_ipc_path_free("ports.sensors", address)
     with pytest.raises(PortError, match="no folder"):
-        check_free("ports.sensors", parse_address("ports.sensors", f"ipc://{tmp_path}/none/sensors"))
+        check_ipc_path_free("ports.sensors", parse_address("ports.sensors", f"ipc://{tmp_path}/none/sensors"))
 
 
 def test_the_holder_of_a_port_is_named() -> None:
@@ -73,8 +72,8 @@ def test_the_holder_of_a_port_is_named() -> None:
         listener.bind(("127.0.0.1", 0))
         listener.listen()
         port = listener.getsockname()[1]
-        held = holder_of(port)
+        held = find_listening_process(port)
     if Path("/proc/net/tcp").exists():
         assert "python" in held
         assert held.startswith("process ")
-    assert f"sport = :{port}" in holder_of(port)
+    assert f"sport = :{port}" in find_listening_process(port)

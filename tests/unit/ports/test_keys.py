@@ -8,9 +8,15 @@ import pytest
 
 from tickfix.api import ConfigError
 from tickfix.api.errors import PortError
-from tickfix.ports.authentication import AllowList
-from tickfix.ports.keys import is_key, new_pair, read_grants, read_pair, read_public
-from tickfix.ports.settings import PeerLimits
+from tickfix.ports.authentication import (
+    AllowList,
+    create_key_pair,
+    is_z85_key,
+    read_grants,
+    read_key_pair,
+    read_public_key,
+)
+from tickfix.ports.port_settings import PeerLimits
 
 
 def entry(name: str, key: str, **more: str) -> str:
@@ -20,57 +26,57 @@ def entry(name: str, key: str, **more: str) -> str:
 
 def test_a_pair_is_made_for_its_owner_only_and_read_again(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
-    public = new_pair("engine", folder)
-    pair = read_pair(folder / "engine.key")
-    assert is_key(pair.public)
-    assert is_key(pair.secret)
-    assert read_public(public) == read_public(folder / "engine.key") == pair.public
+    public = create_key_pair("engine", folder)
+    pair = read_key_pair(folder / "engine.key")
+    assert is_z85_key(pair.public)
+    assert is_z85_key(pair.secret)
+    assert read_public_key(public) == read_public_key(folder / "engine.key") == pair.public
     assert pair.secret not in public.read_text()
     assert (folder / "engine.key").stat().st_mode & 0o777 == 0o600
     assert folder.stat().st_mode & 0o077 == 0
     with pytest.raises(PortError, match="exists already and is left alone"):
-        new_pair("engine", folder)
-    assert read_pair(folder / "engine.key") == pair
+        create_key_pair("engine", folder)
+    assert read_key_pair(folder / "engine.key") == pair
 
 
 @pytest.mark.parametrize("name", ["", "../engine", "a/b", "a b", ".hidden", "ä", "x" * 65, "-rf"])
 def test_a_name_that_could_be_a_path_makes_no_file(tmp_path: Path, name: str) -> None:
     with pytest.raises(ConfigError, match="name: found"):
-        new_pair(name, tmp_path)
+        create_key_pair(name, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_secret_that_others_may_read_is_refused(tmp_path: Path) -> None:
-    new_pair("engine", tmp_path)
+    create_key_pair("engine", tmp_path)
     (tmp_path / "engine.key").chmod(0o640)
     with pytest.raises(PortError, match="chmod 600"):
-        read_pair(tmp_path / "engine.key")
+        read_key_pair(tmp_path / "engine.key")
 
 
 def test_halves_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:
-    new_pair("a", tmp_path)
-    new_pair("b", tmp_path)
-    a, b = read_pair(tmp_path / "a.key"), read_pair(tmp_path / "b.key")
+    create_key_pair("a", tmp_path)
+    create_key_pair("b", tmp_path)
+    a, b = read_key_pair(tmp_path / "a.key"), read_key_pair(tmp_path / "b.key")
     (tmp_path / "a.key").write_text(f'public = "{b.public}"\nsecret = "{a.secret}"\n')
     with pytest.raises(PortError, match="does not belong"):
-        read_pair(tmp_path / "a.key")
+        read_key_pair(tmp_path / "a.key")
 
 
 def test_a_grant_says_what_its_key_may_do(tmp_path: Path) -> None:
-    key = read_public(new_pair("gateway", tmp_path))
+    key = read_public_key(create_key_pair("gateway", tmp_path))
     text = entry("gateway", key, devices='["floor1-*", "cart"]', ports='["sensors", "control"]', most_devices="500")
     (tmp_path / "allowed.toml").write_text(text)
     (grant,) = read_grants(tmp_path / "allowed.toml")
-    assert [grant.speaks_for(d) for d in ("floor1-a", "cart", "cart2", "Floor1-a", "floor1")] == [1, 1, 0, 0, 0]
-    usual = PeerLimits()
-    assert grant.limits(usual).devices == 500
-    assert grant.limits(usual).messages_per_s == usual.messages_per_s
+    assert [grant.allows_device(d) for d in ("floor1-a", "cart", "cart2", "Floor1-a", "floor1")] == [1, 1, 0, 0, 0]
+    defaults = PeerLimits()
+    assert grant.limits(defaults).devices == 500
+    assert grant.limits(defaults).messages_per_s == defaults.messages_per_s
 
 
 def test_an_entry_without_devices_or_ports_may_do_nothing(tmp_path: Path) -> None:
-    (tmp_path / "allowed.toml").write_text(entry("a", read_public(new_pair("a", tmp_path))))
+    (tmp_path / "allowed.toml").write_text(entry("a", read_public_key(create_key_pair("a", tmp_path))))
     (grant,) = read_grants(tmp_path / "allowed.toml")
-    assert not grant.speaks_for("a")
+    assert not grant.allows_device("a")
     assert grant.ports == ()
 
 
@@ -91,7 +97,7 @@ def test_an_entry_without_devices_or_ports_may_do_nothing(tmp_path: Path) -> Non
     ],
 )
 def test_a_broken_list_is_refused_by_entry_and_field(tmp_path: Path, text: str, named: str) -> None:
-    keys = {name: read_public(new_pair(name, tmp_path)) for name in ("one", "other")}
+    keys = {name: read_public_key(create_key_pair(name, tmp_path)) for name in ("one", "other")}
     file = tmp_path / "allowed.toml"
     file.write_text(text.replace("KEY", keys["one"]).replace("OTHER", keys["other"]))
     with pytest.raises(PortError) as caught:
@@ -101,7 +107,7 @@ def test_a_broken_list_is_refused_by_entry_and_field(tmp_path: Path, text: str, 
 
 
 def test_a_list_is_read_again_when_it_changes_and_a_broken_one_changes_nothing(tmp_path: Path) -> None:
-    keys = {name: read_public(new_pair(name, tmp_path)) for name in ("a", "b")}
+    keys = {name: read_public_key(create_key_pair(name, tmp_path)) for name in ("a", "b")}
     file = tmp_path / "allowed.toml"
     allowed = AllowList(tmp_path)
     assert len(allowed) == 0
@@ -113,19 +119,19 @@ def test_a_list_is_read_again_when_it_changes_and_a_broken_one_changes_nothing(t
 
     write(entry("a", keys["a"], ports='["sensors", "positions"]') + entry("b", keys["b"], ports='["control"]'))
     allowed.refresh()
-    assert allowed.of_key(keys["a"]) is not None
+    assert allowed.grant_for_key(keys["a"]) is not None
     write("[[allow]")
     allowed.refresh()
-    assert "expected TOML" in allowed.problem
-    assert allowed.of_key(keys["a"]) is not None
+    assert "expected TOML" in allowed.error
+    assert allowed.grant_for_key(keys["a"]) is not None
     write(entry("a", keys["a"], ports='["sensors"]'))
-    assert allowed.take_lost() == frozenset()
+    assert allowed.pop_revoked_ports() == frozenset()
     allowed.refresh()
-    assert allowed.take_lost() == {"positions", "control"}
-    assert allowed.take_lost() == frozenset()
-    assert allowed.problem == ""
-    assert allowed.of_key(keys["b"]) is None
+    assert allowed.pop_revoked_ports() == {"positions", "control"}
+    assert allowed.pop_revoked_ports() == frozenset()
+    assert allowed.error == ""
+    assert allowed.grant_for_key(keys["b"]) is None
     file.unlink()
     allowed.refresh()
-    assert allowed.take_lost() == {"sensors"}
+    assert allowed.pop_revoked_ports() == {"sensors"}
     assert len(allowed) == 0

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 import zmq
 
-from tickfix.ports.publishing import Publisher
+from tickfix.ports.publishers import XpubPublisher
 
 WAIT_MS = 30_000
 
@@ -20,7 +20,7 @@ class Port:
         self._opened: list[zmq.Socket[bytes]] = []
         self.socket = self.open(zmq.XPUB)
         self.socket.bind("inproc://here")
-        self.publisher = Publisher(self.socket)
+        self.publisher = XpubPublisher(self.socket)
 
     def open(self, kind: int) -> zmq.Socket[bytes]:
         """Return a socket whose queue of messages is short; that of subscriptions has no end."""
@@ -49,7 +49,7 @@ class Port:
             assert self.socket.poll(WAIT_MS)
 
     def send(self, topic: bytes) -> None:
-        self.publisher.subscriptions()
+        self.publisher.poll_subscriptions()
         self.publisher.send((topic, b"envelope", b"body"))
 
 
@@ -110,7 +110,7 @@ def test_a_new_socket_begins_without_listeners(port: Port) -> None:
     port.send(b"estimate/a")
     other = port.open(zmq.XPUB)
     other.bind("inproc://there")
-    port.publisher.use(other)
+    port.publisher.attach(other)
     port.send(b"estimate/b")
     listener.connect("inproc://there")
     assert other.poll(WAIT_MS)

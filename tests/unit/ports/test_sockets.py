@@ -5,16 +5,16 @@ from __future__ import annotations
 import pytest
 import zmq
 
-from tickfix.ports.sockets import open_router, open_socket
+from tickfix.ports.sockets import open_port_socket, open_router_socket
 
 
 @pytest.mark.parametrize("kind", [zmq.ROUTER, zmq.XPUB])
 def test_sockets_are_bounded_close_at_once_and_send_no_zmtp_heartbeats(kind: int) -> None:
     context = zmq.Context()
     if kind == zmq.ROUTER:
-        socket = open_router(context, queued=7, frame_bytes=1_000)
+        socket = open_router_socket(context, high_water_mark=7, frame_bytes=1_000)
     else:
-        socket = open_socket(context, kind, queued=7, frame_bytes=1_000)
+        socket = open_port_socket(context, kind, high_water_mark=7, frame_bytes=1_000)
     values = {
         name: socket.getsockopt(getattr(zmq, name))
         for name in ("LINGER", "SNDHWM", "RCVHWM", "MAXMSGSIZE", "HEARTBEAT_IVL", "TCP_KEEPALIVE")
@@ -31,7 +31,7 @@ def test_routing_ids_begin_at_another_place_in_every_hub() -> None:
     first = set()
     for _ in range(4):
         context = zmq.Context()
-        router = open_router(context, queued=7, frame_bytes=1_000)
+        router = open_router_socket(context, high_water_mark=7, frame_bytes=1_000)
         dealer = context.socket(zmq.DEALER)
         router.bind("inproc://here")
         dealer.connect("inproc://here")

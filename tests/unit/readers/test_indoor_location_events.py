@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tickfix.api import TICK_NS, Floor, MotionSamples, ReaderError, Recording, Scan, Truth
-from tickfix.readers.indoor_location import IndoorLocationReader
-from tickfix.readers.indoor_location_floor import level_of
+from tickfix.readers.indoor_location import IndoorLocationReader, level_from_name
 
 T0 = 1_574_559_495_401
 MS = 1_000_000
@@ -188,4 +187,4 @@ def test_recordings_are_found_in_a_file_a_floor_and_a_building(tmp_path: Path) -
     [("F1", 1), ("B1", -1), ("B12", -12), ("1F", 1), ("L2", 2), ("4", 4), ("2B", -2), ("G", 0), ("BM", 0)],
 )
 def test_the_level_comes_from_the_floors_name(name: str, level: int) -> None:
-    assert level_of(name) == level
+    assert level_from_name(name) == level

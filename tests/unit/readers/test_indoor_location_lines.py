@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from tickfix.api import MotionSamples, ReaderError, Recording, Scan, Truth
 from tickfix.readers.indoor_location import IndoorLocationReader
-from tickfix.readers.indoor_location_lines import records
-from tickfix.readers.rejects import Rejects
+from tickfix.readers.indoor_location_log import log_entries
+from tickfix.readers.input_files import RejectCounter
 
 T0 = 1_574_559_495_401
 ACC = f"{T0}\tTYPE_ACCELEROMETER\t0.1\t0.2\t9.8\t2"
@@ -37,8 +37,8 @@ def test_times_beyond_those_that_tickfix_knows_are_counted_and_left_out(tmp_path
     late = [line.replace(str(T0)[:7], "9999999") for line in (ACC, GYRO, WAYPOINT)]
     with pytest.raises(ReaderError, match="found"):
         read(tmp_path, *late)
-    rejects = Rejects()
-    assert list(records("\n".join(late).encode(), rejects)) == []
+    rejects = RejectCounter()
+    assert list(log_entries("\n".join(late).encode(), rejects)) == []
     assert rejects.counts == {"implausible time": 3}
     assert "beyond 4611686018427 ms" in rejects.problems[0]
 
@@ -177,16 +177,16 @@ def test_a_missing_file_is_an_error_that_names_it(tmp_path: Path) -> None:
 @given(st.binary(max_size=300), st.integers(0, 3))
 def test_no_bytes_whatsoever_crash_the_parser(noise: bytes, lines_before: int) -> None:
     data = "".join(f"{line}\n" for line in [ACC, WIFI, WAYPOINT][:lines_before]).encode() + noise
-    found = list(records(data, Rejects()))
+    found = list(log_entries(data, RejectCounter()))
     assert len(found) >= lines_before
 
 
 @given(st.integers(0, len(f"{ACC}\n{WIFI}\n{WAYPOINT}\n{GYRO}\n") - 1))
 def test_a_file_cut_anywhere_gives_a_beginning_of_what_it_held(cut: int) -> None:
     data = f"{ACC}\n{WIFI}\n{WAYPOINT}\n{GYRO}\n".encode()
-    whole = [(r.type, r.columns) for r in records(data, Rejects())]
+    whole = [(r.type, r.columns) for r in log_entries(data, RejectCounter())]
     for (kind, columns), (whole_kind, whole_columns) in zip(
-        [(r.type, r.columns) for r in records(data[:cut], Rejects())], whole, strict=False
+        [(r.type, r.columns) for r in log_entries(data[:cut], RejectCounter())], whole, strict=False
     ):
         assert kind == whole_kind
         assert columns == whole_columns[: len(columns)]

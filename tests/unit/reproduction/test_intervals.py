@@ -7,16 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
-
-from tickfix.reproduction.intervals import difference, exact, judge, mean, reduction
-from tickfix.reproduction.report import Claim, Interval
+from tickfix_papers.reproduction_report import Claim, SeedInterval
+from tickfix_papers.seed_statistics import decide_claim, exact_value, mean, paired_difference, percent_reduction
 
 VALUES = st.lists(st.floats(-1e3, 1e3).map(lambda x: round(x, 3)), min_size=2, max_size=30)
 
 
 def claim(low: float, high: float, *, above: float = -np.inf, below: float = np.inf, why: str = "") -> Claim:
-    interval = Interval(mean=(low + high) / 2, low=low, high=high, seeds=10)
-    return judge("A is better than B", interval, paper="", ours="", above=above, below=below, why=why)
+    interval = SeedInterval(mean=(low + high) / 2, low=low, high=high, seeds=10)
+    return decide_claim("A is better than B", interval, paper="", ours="", above=above, below=below, why=why)
 
 
 @given(VALUES.filter(lambda values: np.ptp(values) > 0.01))
@@ -42,12 +41,12 @@ def test_too_few_or_no_numbers_are_refused(values: list[float]) -> None:
 
 def test_what_seeds_have_in_common_cancels_in_a_difference() -> None:
     common = np.random.default_rng(2).normal(0.0, 100.0, 10)
-    found = difference(common + 1.0, common)
+    found = paired_difference(common + 1.0, common)
     assert (found.low, found.high) == (pytest.approx(1.0), pytest.approx(1.0))
 
 
 def test_a_reduction_is_in_per_cent_of_what_was_before() -> None:
-    found = reduction([2.0, 4.0], [1.0, 3.0])
+    found = percent_reduction([2.0, 4.0], [1.0, 3.0])
     assert found.mean == pytest.approx((50.0 + 25.0) / 2)
 
 
@@ -72,7 +71,7 @@ def test_no_difference_is_not_better() -> None:
 
 
 def test_figures_are_printed_with_half_their_interval() -> None:
-    assert Interval(mean=2.614, low=2.5, high=2.728, seeds=10).text() == "2.61 ± 0.11"
-    assert Interval(mean=2.614, low=2.5, high=2.728, seeds=10).text(1, "m") == "2.6 ± 0.1 m"
-    assert exact(91.0).text(0) == "91"
+    assert SeedInterval(mean=2.614, low=2.5, high=2.728, seeds=10).text() == "2.61 ± 0.11"
+    assert SeedInterval(mean=2.614, low=2.5, high=2.728, seeds=10).text(1, "m") == "2.6 ± 0.1 m"
+    assert exact_value(91.0).text(0) == "91"
     assert mean([0.1 + 0.2, 0.3, 0.3]).text() == "0.30"

@@ -6,28 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tickfix_papers.jiang2015.claims import METHODS, RATES, WIFI, WINDOWS, decided_claims, result_tables
+from tickfix_papers.jiang2015.seed_run import GIVEN_SIGMA_M, SeedRun, TrackErrors, with_given_fixes
+from tickfix_papers.jiang2015.twin import Twin, draw_twin, fingerprint_points, floor_plan, route
+from tickfix_papers.reproduction_report import Claim
 
 from tickfix.api import Fix, Scan
-from tickfix.reproduction.jiang2015.claims import claims
-from tickfix.reproduction.jiang2015.measure import GIVEN_SIGMA_M, Measured
-from tickfix.reproduction.jiang2015.site import fingerprint_points, plan, route
-from tickfix.reproduction.jiang2015.tables import METHODS, RATES, WIFI, WINDOWS, tables
-from tickfix.reproduction.jiang2015.track import Tracked, with_given_fixes
-from tickfix.reproduction.jiang2015.twin import Twin, twin
-from tickfix.reproduction.report import Claim
 
 
 @pytest.fixture(scope="module")
 def scene() -> Twin:
     """One draw."""
-    return twin(3)
+    return draw_twin(3)
 
 
 def test_the_room_is_as_large_as_printed() -> None:
-    ring = plan().outline[0]
+    ring = floor_plan().outline[0]
     sides = np.hypot(*(ring - np.roll(ring, 1, axis=0)).T)
     assert sorted(sides) == pytest.approx([8.5, 8.5, 12.0, 12.0])
-    assert plan().walls.shape == (4, 2, 2)
+    assert floor_plan().walls.shape == (4, 2, 2)
 
 
 def test_there_are_36_points_as_far_apart_as_printed_and_the_route_keeps_inside() -> None:
@@ -35,7 +32,7 @@ def test_there_are_36_points_as_far_apart_as_printed_and_the_route_keeps_inside(
     assert points.shape == (36, 2)
     apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1)) + 9.0 * np.eye(36)
     assert apart.min() == pytest.approx(1.5)
-    ring = plan().outline[0]
+    ring = floor_plan().outline[0]
     along = np.roll(ring, -1, axis=0) - ring
     for places in (points, route().xy):
         seen = places[:, None] - ring
@@ -50,14 +47,14 @@ def test_no_straight_of_the_route_goes_due_south() -> None:
 
 
 def test_the_lessons_are_as_many_as_printed(scene: Twin) -> None:
-    walks = scene.lessons.walks
+    walks = scene.training_data.walks
     windows = sum((walk.truth[-1].t_ns - walk.truth[0].t_ns) // 200_000_000 for walk in walks)
     assert len(walks) == 4 * 5
     assert windows == pytest.approx(5316, rel=0.1)
     assert not any(walk.scans for walk in walks)
     rate_hz = np.median(1e9 / np.diff(walks[0].motion.sensors["accelerometer"].t_ns))
     assert rate_hz == pytest.approx(65.0, rel=0.05)
-    radio_map = scene.lessons.radio_map
+    radio_map = scene.training_data.radio_map
     _, count = np.unique(
         np.column_stack([radio_map.sample_point, radio_map.sample_transmitter]), axis=0, return_counts=True
     )
@@ -67,11 +64,17 @@ def test_the_lessons_are_as_many_as_printed(scene: Twin) -> None:
 
 
 def test_the_same_seed_gives_the_same_twin(scene: Twin) -> None:
-    again = twin(3)
+    again = draw_twin(3)
     for a, b in zip((*scene.walks, *scene.walks), (*again.walks, *again.walks), strict=True):
         assert a.trajectory.xy.tobytes() == b.trajectory.xy.tobytes()
-    assert again.lessons.radio_map.sample_rssi_dbm.tobytes() == scene.lessons.radio_map.sample_rssi_dbm.tobytes()
-    assert twin(4).lessons.radio_map.sample_rssi_dbm.tobytes() != scene.lessons.radio_map.sample_rssi_dbm.tobytes()
+    assert (
+        again.training_data.radio_map.sample_rssi_dbm.tobytes()
+        == scene.training_data.radio_map.sample_rssi_dbm.tobytes()
+    )
+    assert (
+        draw_twin(4).training_data.radio_map.sample_rssi_dbm.tobytes()
+        != scene.training_data.radio_map.sample_rssi_dbm.tobytes()
+    )
 
 
 def test_given_fixes_replace_scans_and_err_as_told(scene: Twin) -> None:
@@ -87,21 +90,23 @@ def test_given_fixes_replace_scans_and_err_as_told(scene: Twin) -> None:
         assert 10.0 * (near.xy - true) == pytest.approx(other.xy - true)
 
 
-def track(error_m: float, growth_m: float = 0.0, every_s: float = 0.2, bend_m: float = 0.0) -> Tracked:
+def track(
+    error_m: float, error_growth_m: float = 0.0, update_interval_s: float = 0.2, second_difference_m: float = 0.0
+) -> TrackErrors:
     n = 200
-    xy = np.column_stack([np.arange(n), 0.5 * bend_m * (np.arange(n) % 2)])
-    return Tracked(
+    xy = np.column_stack([np.arange(n), 0.5 * second_difference_m * (np.arange(n) % 2)])
+    return TrackErrors(
         t_s=0.2 * np.arange(n),
         xy=xy,
-        error_m=error_m + growth_m * (np.arange(n) // 50 == 3),
-        located_m=np.full(20, error_m),
-        every_s=every_s,
+        error_m=error_m + error_growth_m * (np.arange(n) // 50 == 3),
+        fix_error_m=np.full(20, error_m),
+        update_interval_s=update_interval_s,
     )
 
 
 def runs(
     windows: dict[int, float], errors: dict[str, float], growth: dict[str, float], bends: dict[str, float]
-) -> list[Measured]:
+) -> list[SeedRun]:
     """Return three seeds that differ a little."""
     names = {name for row in METHODS.values() for name in row[:2] if name} | set(WIFI.values())
     found = []
@@ -110,15 +115,17 @@ def runs(
             name: (track(errors.get(name, 1.0) + 0.01 * seed, growth.get(name, 0.0), 0.2, bends.get(name, 0.0)),)
             for name in names
         }
-        tracks[RATES["Wi-Fi alone"][0]] = (replace(tracks[RATES["Wi-Fi alone"][0]][0], every_s=2.0 + 0.1 * seed),)
+        tracks[RATES["Wi-Fi alone"][0]] = (
+            replace(tracks[RATES["Wi-Fi alone"][0]][0], update_interval_s=2.0 + 0.1 * seed),
+        )
         given = {s: {"elm-wifi-pf": s, "own-elm-wifi-pf": s} for s in GIVEN_SIGMA_M}
         mse = {ms: (windows.get(ms, 1.0) ** 2 + 1e-3 * seed, 0.01) for ms in WINDOWS}
-        found.append(Measured(window_mse=mse, tracks=tracks, given=given, truth=(), failures={}))
+        found.append(SeedRun(window_mse=mse, tracks=tracks, given=given, truth=(), failures={}))
     return found
 
 
-def verdicts(found: list[Measured]) -> dict[str, Claim]:
-    return {claim.claim: claim for claim in claims(found)}
+def verdicts(found: list[SeedRun]) -> dict[str, Claim]:
+    return {claim.claim: claim for claim in decided_claims(found)}
 
 
 def test_claims_hold_where_the_figures_say_so() -> None:
@@ -139,7 +146,7 @@ def test_claims_fail_where_the_figures_say_so() -> None:
 
 
 def test_tables_have_the_papers_figures_beside_ours() -> None:
-    by_name = {table.name: table for table in tables(runs({}, {"elm": 0.7}, {}, {}))}
+    by_name = {table.name: table for table in result_tables(runs({}, {"elm": 0.7}, {}, {}))}
     assert by_name["Table 3"].rows["200 ms"][0].paper == 0.3001
     cell = by_name["Table 4"].rows["ELM"][0]
     assert cell.paper == 0.609
@@ -149,6 +156,6 @@ def test_tables_have_the_papers_figures_beside_ours() -> None:
 
 
 def test_a_way_bends_by_how_far_it_departs_from_going_on() -> None:
-    assert track(1.0).bend_m == pytest.approx(0.0)
-    assert track(1.0, bend_m=0.3).bend_m == pytest.approx(0.3)
-    assert track(1.0, growth_m=0.4).growth_m == pytest.approx(0.4)
+    assert track(1.0).second_difference_m == pytest.approx(0.0)
+    assert track(1.0, second_difference_m=0.3).second_difference_m == pytest.approx(0.3)
+    assert track(1.0, error_growth_m=0.4).error_growth_m == pytest.approx(0.4)

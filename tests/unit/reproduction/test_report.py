@@ -7,27 +7,25 @@ from importlib import import_module
 
 import pytest
 from rich.console import Console
+from tickfix_papers.experiment import PAPERS, load_experiment
+from tickfix_papers.reproduction_report import PaperTable, Reproduction, TableCell, TwinSetting, render_reproduction
+from tickfix_papers.seed_statistics import decide_claim, exact_value, mean
 
-from tickfix.reproduction.intervals import exact, judge, mean
-from tickfix.reproduction.papers import PAPERS, experiment
-from tickfix.reproduction.printing import printed
-from tickfix.reproduction.report import Cell, Choice, Reproduction, Table
-
-HELPS = judge("B helps", mean([0.2, 0.4]), paper="0.1 m", ours="0.3 m", above=0.0)
-COUNTED = judge("They are 91", exact(91.0), paper="91", ours="91", above=90.0, below=92.0)
+HELPS = decide_claim("B helps", mean([0.2, 0.4]), paper="0.1 m", ours="0.3 m", above=0.0)
+COUNTED = decide_claim("They are 91", exact_value(91.0), paper="91", ours="91", above=90.0, below=92.0)
 RESULT = Reproduction(
     paper="nobody1999",
     title="A method",
     seeds=2,
-    choices=(Choice(what="access points", value="9", source="[nobody1999] section 4"),),
+    twin_settings=(TwinSetting(what="access points", value="9", source="[nobody1999] section 4"),),
     tables=(
-        Table(
+        PaperTable(
             name="Table 1",
             caption="errors",
             columns=("mean, m", "count"),
             rows={
-                "A": (Cell(paper=2.77, ours=mean([2.5, 2.6])), Cell(paper=None, ours=exact(91.0))),
-                "B": (Cell(paper=2.60, ours=None), Cell(paper=None, ours=exact(5.0))),
+                "A": (TableCell(paper=2.77, ours=mean([2.5, 2.6])), TableCell(paper=None, ours=exact_value(91.0))),
+                "B": (TableCell(paper=2.60, ours=None), TableCell(paper=None, ours=exact_value(5.0))),
             },
             decimals=(2, 0),
             note="Compare the order.",
@@ -53,7 +51,7 @@ def test_the_json_has_the_promised_shape() -> None:
 def test_people_read_both_figures_side_by_side_and_a_line_for_each_claim() -> None:
     console = Console(width=120, markup=False)
     with console.capture() as capture:
-        console.print(printed(RESULT, choices=True))
+        console.print(render_reproduction(RESULT, twin_settings=True))
     text = capture.get()
     row = next(line for line in text.splitlines() if line.strip().startswith("A "))
     assert "2.77" in row
@@ -67,11 +65,11 @@ def test_people_read_both_figures_side_by_side_and_a_line_for_each_claim() -> No
 
 def test_an_unknown_paper_is_told_which_there_are() -> None:
     with pytest.raises(ValueError, match=", ".join(PAPERS)):
-        experiment("nobody1999")
+        load_experiment("nobody1999")
 
 
 @pytest.mark.parametrize("paper", PAPERS)
 def test_every_registered_paper_has_an_experiment_that_can_draw(paper: str) -> None:
-    found = experiment(paper)
+    found = load_experiment(paper)
     assert found.paper == paper
     assert callable(import_module(found.pictures).draw)

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from tickfix.api import TICK_NS, Context, MotionSamples
-from tickfix.plugins import discover
-from tickfix.reproduction.wang2015 import schemes
-from tickfix.reproduction.wang2015.gross import (
+from tickfix_papers.wang2015 import seed_run
+from tickfix_papers.wang2015.seed_run import (
+    DISTURBED,
     EPOCHS_S,
     ON_ODOMETRY,
     ON_WIFI,
+    REJECTING,
     DisturbedFingerprint,
     DisturbedOdometry,
+    SeedRun,
+    run_seed,
 )
-from tickfix.reproduction.wang2015.run import Walked, run_seed
-from tickfix.reproduction.wang2015.schemes import DISTURBED, DROPPED
+
+from tickfix.api import TICK_NS, Context, MotionSamples
+from tickfix.registry import discover
 from tickfix.testing import world
 from tickfix_fingerprint.topology_knn import TopologyKnn, TopologyKnnParams
 from tickfix_pdr.pseudo_odometry import PseudoOdometry, PseudoOdometryParams
 
 
 @pytest.fixture(scope="module")
-def walked() -> Walked:
+def walked() -> SeedRun:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(schemes, "PARTICLES", ())  # filters of other sizes would only take time
+        patch.setattr(seed_run, "PARTICLES", ())  # filters of other sizes would only take time
         return run_seed(discover(), 77)
 
 
@@ -54,17 +56,17 @@ def test_only_the_reading_of_the_epoch_is_too_long() -> None:
 
 
 @pytest.mark.parametrize("suffix", [ON_WIFI, ON_ODOMETRY])
-def test_schemes_part_from_their_undisturbed_selves_at_the_first_gross_error(walked: Walked, suffix: str) -> None:
+def test_schemes_part_from_their_undisturbed_selves_at_the_first_gross_error(walked: SeedRun, suffix: str) -> None:
     before, at = walked.t_s < EPOCHS_S[0], walked.t_s == EPOCHS_S[0]
     for scheme in DISTURBED:
         clean, disturbed = walked.xy[scheme], walked.xy[scheme + suffix]
         np.testing.assert_array_equal(clean[before], disturbed[before])
-        if scheme.endswith(DROPPED) and suffix == ON_WIFI:
+        if scheme.endswith(REJECTING) and suffix == ON_WIFI:
             continue  # the fix of that epoch is not input
         assert (clean[at] != disturbed[at]).any(), scheme
 
 
-def test_every_scheme_has_a_place_at_every_epoch_and_no_stage_failed(walked: Walked) -> None:
+def test_every_scheme_has_a_place_at_every_epoch_and_no_stage_failed(walked: SeedRun) -> None:
     assert not walked.failures
     for scheme, xy in walked.xy.items():
         assert np.isfinite(xy).all(), scheme

@@ -7,16 +7,16 @@ import pytest
 
 from tickfix.simulation import (
     Building,
-    Hold,
     Magnetism,
+    PhoneHold,
     SimulatedWalk,
-    Walkable,
+    WalkableGrid,
     Walker,
     office_building,
     perfect_phone,
     random_route,
     simulate_walk,
-    walkable,
+    walkable_grid,
 )
 
 NORTH_RAD = 0.3
@@ -30,15 +30,15 @@ def building() -> Building:
 
 
 @pytest.fixture(scope="session")
-def ground(building: Building) -> Walkable:
+def grid(building: Building) -> WalkableGrid:
     """Where one can walk in it."""
-    return walkable(building.floors[0])
+    return walkable_grid(building.floors[0])
 
 
 @pytest.fixture(scope="session")
-def perfect(building: Building, ground: Walkable) -> SimulatedWalk:
+def perfect(building: Building, grid: WalkableGrid) -> SimulatedWalk:
     """A walk whose phone makes no error and is held still, level with the way walked, pitched by 40°."""
     rng = np.random.default_rng(11)
-    walker = Walker(hold=Hold(pitch_rad=0.7, sway_rad=0.0, wander_rad=0.0), pauses_per_m=0.03, swing_jitter=0.0)
-    route = random_route(ground, rng, 70.0)
+    walker = Walker(hold=PhoneHold(pitch_rad=0.7, sway_rad=0.0, wander_rad=0.0), pauses_per_m=0.03, swing_jitter=0.0)
+    route = random_route(grid, rng, 70.0)
     return simulate_walk(building, route, rng, name="perfect", walker=walker, phone=perfect_phone())

@@ -13,19 +13,19 @@ from scipy.spatial.transform import Rotation
 from tickfix.api import Floats, MotionSamples, Recording, wrap_rad
 from tickfix.simulation import (
     Building,
-    Hold,
     Magnetism,
     Phone,
+    PhoneHold,
     SimulatedWalk,
-    Walkable,
+    WalkableGrid,
     Walker,
-    build,
+    assemble_building,
     draw_phone,
     perfect_phone,
     random_route,
     simulate_walk,
 )
-from tickfix.simulation.holding import heading_of_attitude
+from tickfix.simulation.phone_sensors import heading_of_attitude
 
 NORTH_RAD = 0.3
 PITCH_RAD = 0.7
@@ -59,9 +59,9 @@ def test_a_perfect_gyroscope_integrates_to_the_heading(perfect: SimulatedWalk) -
     assert np.abs(heading[0] + turned - heading[1:]).max() < 1e-3
 
 
-def test_gyroscope_and_rotation_vector_agree_for_a_swaying_hand(building: Building, ground: Walkable) -> None:
+def test_gyroscope_and_rotation_vector_agree_for_a_swaying_hand(building: Building, grid: WalkableGrid) -> None:
     rng = np.random.default_rng(4)
-    route = random_route(ground, rng, 30.0)
+    route = random_route(grid, rng, 30.0)
     walk = simulate_walk(building, route, rng, name="swaying", phone=perfect_phone())
     t, rate = samples(walk.recording, "gyroscope")
     rotations = Rotation.from_quat(samples(walk.recording, "rotation_vector")[1])
@@ -102,13 +102,13 @@ def test_the_magnetometer_points_north_and_down(perfect: SimulatedWalk) -> None:
     assert np.allclose(world, expected, atol=1e-6)
 
 
-def test_a_disturbed_field_pulls_the_rotation_vector(building: Building, ground: Walkable) -> None:
-    disturbed = build(
+def test_a_disturbed_field_pulls_the_rotation_vector(building: Building, grid: WalkableGrid) -> None:
+    disturbed = assemble_building(
         building.floors, building.access_points, np.random.default_rng(1), magnetism=Magnetism(disturbance_ut=5.0)
     )
     rng = np.random.default_rng(2)
-    route = random_route(ground, rng, 60.0)
-    walker = Walker(hold=Hold(sway_rad=0.0, wander_rad=0.0))
+    route = random_route(grid, rng, 60.0)
+    walker = Walker(hold=PhoneHold(sway_rad=0.0, wander_rad=0.0))
     walk = simulate_walk(disturbed, route, rng, name="pulled", walker=walker, phone=perfect_phone())
     t, quaternions = samples(walk.recording, "rotation_vector")
     error = wrap_rad(heading_of_attitude(quaternions) - true_heading(walk, t))
@@ -116,20 +116,20 @@ def test_a_disturbed_field_pulls_the_rotation_vector(building: Building, ground:
     assert np.abs(np.diff(error)).max() < 0.02
 
 
-def test_a_phone_held_askew_points_beside_the_way(building: Building, ground: Walkable) -> None:
+def test_a_phone_held_askew_points_beside_the_way(building: Building, grid: WalkableGrid) -> None:
     rng = np.random.default_rng(6)
-    walker = Walker(hold=Hold(yaw_rad=0.2, sway_rad=0.0, wander_rad=0.0))
-    route = random_route(ground, rng, 20.0)
+    walker = Walker(hold=PhoneHold(yaw_rad=0.2, sway_rad=0.0, wander_rad=0.0))
+    route = random_route(grid, rng, 20.0)
     walk = simulate_walk(building, route, rng, name="askew", walker=walker, phone=perfect_phone())
     t, quaternions = samples(walk.recording, "rotation_vector")
     assert np.allclose(wrap_rad(heading_of_attitude(quaternions) + NORTH_RAD - true_heading(walk, t)), 0.2, atol=1e-6)
 
 
-def test_biases_and_noise_are_as_set(building: Building, ground: Walkable) -> None:
+def test_biases_and_noise_are_as_set(building: Building, grid: WalkableGrid) -> None:
     phone = replace(
         perfect_phone(), gyroscope_bias_rad_s=(0.01, -0.02, 0.03), accelerometer_noise_mps2=0.1, hard_iron_ut=(3, 0, 0)
     )
-    route = random_route(ground, np.random.default_rng(8), 20.0)
+    route = random_route(grid, np.random.default_rng(8), 20.0)
     exact, real = (
         simulate_walk(building, route, np.random.default_rng(9), name="x", phone=p) for p in (perfect_phone(), phone)
     )
@@ -139,10 +139,10 @@ def test_biases_and_noise_are_as_set(building: Building, ground: Walkable) -> No
     assert apart["accelerometer"].std() == pytest.approx(0.1, rel=0.05)
 
 
-def test_times_jitter_around_the_rate_and_never_run_backwards(building: Building, ground: Walkable) -> None:
+def test_times_jitter_around_the_rate_and_never_run_backwards(building: Building, grid: WalkableGrid) -> None:
     rng = np.random.default_rng(3)
     phone = replace(draw_phone(rng), jitter_s=0.002, dropouts_per_s=0.1)
-    route = random_route(ground, rng, 60.0)
+    route = random_route(grid, rng, 60.0)
     walk = simulate_walk(building, route, rng, name="jitter", phone=phone)
     gaps = np.diff(samples(walk.recording, "accelerometer")[0]) * 1e-9
     assert gaps.min() > 0
@@ -150,9 +150,9 @@ def test_times_jitter_around_the_rate_and_never_run_backwards(building: Building
     assert 0.1 < gaps.max() < 2.0
 
 
-def test_a_phone_without_a_compass_sends_none(building: Building, ground: Walkable) -> None:
+def test_a_phone_without_a_compass_sends_none(building: Building, grid: WalkableGrid) -> None:
     rng = np.random.default_rng(3)
     phone = replace(Phone(), sensors=("accelerometer", "gyroscope"))
-    walk = simulate_walk(building, random_route(ground, rng, 10.0), rng, name="bare", phone=phone)
+    walk = simulate_walk(building, random_route(grid, rng, 10.0), rng, name="bare", phone=phone)
     heard = {sensor for e in walk.recording.events if isinstance(e, MotionSamples) for sensor in e.sensors}
     assert heard == {"accelerometer", "gyroscope"}

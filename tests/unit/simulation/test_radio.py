@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from tickfix.simulation import AccessPoint, Building, Propagation, build, declare_floor, rectangle, wall
+from tickfix.simulation import AccessPoint, Building, Propagation, assemble_building, declare_floor, rectangle, wall
 from tickfix.simulation.fields import draw_field
 
 PLAIN = Propagation(shadowing_db=0.0)
@@ -16,7 +16,7 @@ PLAIN = Propagation(shadowing_db=0.0)
 def hall(*walls: np.ndarray, floors: int = 1) -> Building:
     levels = [declare_floor(f"F{i}", rectangle(0, 0, 50, 20), walls, level=i) for i in range(floors)]
     ap = AccessPoint(name="ap", floor="F0", xy=(5.0, 10.0), height_m=1.2, power_dbm=-40.0)
-    return build(levels, [ap], np.random.default_rng(0), propagation=PLAIN)
+    return assemble_building(levels, [ap], np.random.default_rng(0), propagation=PLAIN)
 
 
 def test_power_falls_with_the_logarithm_of_the_distance() -> None:
@@ -82,4 +82,4 @@ def test_shadowing_is_the_same_for_all_who_come_by(building: Building) -> None:
 
 def test_an_access_point_on_an_unknown_floor_is_refused() -> None:
     with pytest.raises(ValueError, match="access point a: found floor 'F9'"):
-        build(hall().floors, [AccessPoint(name="a", floor="F9", xy=(0, 0))], np.random.default_rng(0))
+        assemble_building(hall().floors, [AccessPoint(name="a", floor="F9", xy=(0, 0))], np.random.default_rng(0))

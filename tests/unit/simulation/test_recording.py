@@ -12,14 +12,14 @@ import pytest
 from tickfix.api import MotionSamples, Recording, Scan, Truth
 from tickfix.simulation import (
     Building,
-    Demo,
-    Logging,
+    DemoScenario,
+    LoggingSettings,
     SimulatedWalk,
-    Walkable,
+    WalkableGrid,
     Walker,
-    demo,
     draw_phone,
     random_route,
+    simulate_demo,
     simulate_walk,
     simulate_walks,
 )
@@ -40,8 +40,8 @@ def digest(recording: Recording) -> str:
 
 
 @pytest.fixture(scope="module")
-def shown() -> Demo:
-    return demo(seed=0)
+def shown() -> DemoScenario:
+    return simulate_demo(seed=0)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(building: Building) -> None:
@@ -60,8 +60,8 @@ def test_more_walks_leave_the_first_ones_as_they_are(building: Building) -> None
     assert digest(one[0].recording) == digest(three[0].recording)
 
 
-def test_another_phone_is_carried_along_the_same_walk(building: Building, ground: Walkable) -> None:
-    route = random_route(ground, np.random.default_rng(0), 30.0)
+def test_another_phone_is_carried_along_the_same_walk(building: Building, grid: WalkableGrid) -> None:
+    route = random_route(grid, np.random.default_rng(0), 30.0)
     phones = [draw_phone(np.random.default_rng(i)) for i in range(2)]
     a, b = (simulate_walk(building, route, np.random.default_rng(5), name="x", phone=phone) for phone in phones)
     assert np.array_equal(a.trajectory.xy, b.trajectory.xy)
@@ -82,10 +82,10 @@ def test_messages_are_counted_without_gap_and_taps_after_them(perfect: Simulated
     assert {event.device for event in perfect.recording.events} == {"perfect"}
 
 
-def test_batches_may_overtake_each_other_on_a_slow_net(building: Building, ground: Walkable) -> None:
+def test_batches_may_overtake_each_other_on_a_slow_net(building: Building, grid: WalkableGrid) -> None:
     rng = np.random.default_rng(1)
-    route = random_route(ground, rng, 20.0)
-    walk = simulate_walk(building, route, rng, name="slow", logging=Logging(batch_s=0.05, latency_s=(0.0, 0.4)))
+    route = random_route(grid, rng, 20.0)
+    walk = simulate_walk(building, route, rng, name="slow", logging=LoggingSettings(batch_s=0.05, latency_s=(0.0, 0.4)))
     measured = [e.t_ns for e in walk.recording.events if isinstance(e, MotionSamples)]
     assert measured != sorted(measured)
 
@@ -109,7 +109,7 @@ def test_an_unknown_floor_is_refused(building: Building) -> None:
         list(simulate_walks(building, "F9", np.random.default_rng(0)))
 
 
-def test_the_demo_is_a_surveyed_floor_and_walks_of_others(shown: Demo) -> None:
+def test_the_demo_is_a_surveyed_floor_and_walks_of_others(shown: DemoScenario) -> None:
     assert 12 <= len(shown.survey) <= 20
     assert len(shown.walks) == 5
     recordings = [walk.recording for walk in (*shown.survey, *shown.walks)]
@@ -118,7 +118,7 @@ def test_the_demo_is_a_surveyed_floor_and_walks_of_others(shown: Demo) -> None:
     assert all(len(walk.recording.truth) > 10 for walk in shown.walks)
 
 
-def test_demo_recordings_follow_each_other_with_breaks_of_over_a_minute(shown: Demo) -> None:
+def test_demo_recordings_follow_each_other_with_breaks_of_over_a_minute(shown: DemoScenario) -> None:
     walks = (*shown.survey, *shown.walks)
     breaks = [after.t_ns[0] - before.t_ns[-1] for before, after in pairwise(walks)]
     assert min(breaks) > 60e9

@@ -8,7 +8,7 @@ import numpy as np
 
 from tickfix.api import Event, Floor, MotionSamples, Recording, Scan, Truth, motion_samples
 from tickfix.site.site import Site
-from tickfix.site.survey import survey
+from tickfix.site.survey_builder import survey_recordings
 
 S = 1_000_000_000
 T0 = 1_574_559_495 * S
@@ -50,7 +50,7 @@ def small_site() -> Site:
     )
     first = walk("a", [(0, 1, 1), (10, 11, 1)], [scan(("ap1", -50, 2), ("ap2", -60, 3)), scan(("ap1", -55, 8))])
     second = walk("b", [(100, 3, 3), (110, 3, 13)], [scan(("ap3", -71, 105), ("ble:x", -80, 104))])
-    site = survey([first, second], [floor, Floor(name="Ünter / 2")], name="small").site
+    site = survey_recordings([first, second], [floor, Floor(name="Ünter / 2")], name="small").site
     model = {"weights": np.arange(6, dtype=np.float32).reshape(2, 3), "file": np.array(["x", "yy"])}
     return Site(
         name=site.name,

@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from surveys import small_site, walk
 
 from tickfix.api import Floor, ReaderError, Recording, SiteError
-from tickfix.site.floor_file import load_floor, save_floor
-from tickfix.site.folder import load, save
+from tickfix.site.data_files import load_floor, save_floor
+from tickfix.site.folder import load_site, save_site
 from tickfix.site.site import Site
-from tickfix.site.survey import floors_of, survey
+from tickfix.site.survey_builder import read_floor_plans, survey_recordings
 
 
 def plain(value: Any) -> Any:
@@ -42,24 +42,24 @@ def content(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    save(small_site(), tmp_path / "site")
+    save_site(small_site(), tmp_path / "site")
     return tmp_path / "site"
 
 
 def test_a_site_comes_back_as_it_was(folder: Path) -> None:
-    assert plain(load(folder)) == plain(small_site())
+    assert plain(load_site(folder)) == plain(small_site())
 
 
 def test_saving_twice_gives_equal_bytes_and_replaces_the_first(folder: Path) -> None:
     first = content(folder)
-    save(small_site(), folder)
-    save(load(folder), folder.with_name("other"))
+    save_site(small_site(), folder)
+    save_site(load_site(folder), folder.with_name("other"))
     assert content(folder) == first == content(folder.with_name("other"))
     assert sorted(path.name for path in folder.parent.iterdir()) == ["other", "site"]
 
 
 def test_what_is_loaded_cannot_be_written_to(folder: Path) -> None:
-    site = load(folder)
+    site = load_site(folder)
     for array in (site.survey_tracks[0].xy, site.models["pdr-steps-1a2b"]["weights"], site.radio_map.sample_xy):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
@@ -71,19 +71,19 @@ def test_held_out_walks_are_found_again_after_site_and_recordings_moved_together
     file.write_text("1\n", encoding="utf-8")
     held = replace_path(walk("held", [(0, 0, 0), (5, 1, 1)]), file)
     kept = replace_path(walk("kept", [(900, 0, 0), (905, 1, 1)]), file)
-    site = survey([held, kept], [], holdout=0.3).site
+    site = survey_recordings([held, kept], [], holdout=0.3).site
     assert [h.walk for h in site.held_out] == ["held"]
-    save(site, tmp_path / "a" / "site")
-    assert load(tmp_path / "a" / "site").held_out == site.held_out
+    save_site(site, tmp_path / "a" / "site")
+    assert load_site(tmp_path / "a" / "site").held_out == site.held_out
     (tmp_path / "a").rename(tmp_path / "b")
-    (moved,) = load(tmp_path / "b" / "site").held_out
+    (moved,) = load_site(tmp_path / "b" / "site").held_out
     assert moved.file() == tmp_path / "b" / "walks" / "w.txt"
     moved.file().write_text("2\n", encoding="utf-8")
     with pytest.raises(SiteError, match="has changed since the survey"):
         moved.file()
     (tmp_path / "b" / "walks" / "w.txt").unlink()
     with pytest.raises(SiteError, match="is gone"):
-        load(tmp_path / "b" / "site").held_out[0].file()
+        load_site(tmp_path / "b" / "site").held_out[0].file()
 
 
 def replace_path(recording: Recording, path: Path) -> Recording:
@@ -94,7 +94,7 @@ def test_something_that_is_no_site_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter1.tex").write_text("…", encoding="utf-8")
     with pytest.raises(SiteError, match="no tickfix site"):
-        save(small_site(), tmp_path / "thesis")
+        save_site(small_site(), tmp_path / "thesis")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis"]
 
 
@@ -102,7 +102,7 @@ def test_a_save_that_fails_leaves_the_old_site(folder: Path) -> None:
     before = content(folder)
     broken = replace(small_site(), models={"m": {"objects": np.array([object()])}})
     with pytest.raises(SiteError, match="only numbers and strings"):
-        save(broken, folder)
+        save_site(broken, folder)
     assert content(folder) == before
     assert [path.name for path in folder.parent.iterdir()] == ["site"]
 
@@ -149,7 +149,7 @@ DAMAGES = {
         r"radio_map\.npz: sample_xy: found shape",
     ),
     "index out of range": (
-        lambda f: rewrite(f / "radio_map.npz", point_floor=np.full(len(load(f).radio_map), 9)),
+        lambda f: rewrite(f / "radio_map.npz", point_floor=np.full(len(load_site(f).radio_map), 9)),
         r"radio_map\.npz: point_floor goes from 9",
     ),
     "tracks apart": (lambda f: rewrite(f / "survey_tracks.npz", xy=np.zeros((1, 2))), r"survey_tracks\.npz: found"),
@@ -170,7 +170,7 @@ def test_a_damaged_site_is_refused_with_the_files_name_and_the_remedy(folder: Pa
     harm, message = DAMAGES[damage]
     harm(folder)
     with pytest.raises(SiteError, match=message):
-        load(folder)
+        load_site(folder)
 
 
 coordinate = st.floats(-1e6, 1e6)
@@ -237,7 +237,7 @@ class PlanReader:
 def test_floors_are_gathered_once_and_broken_plans_reported() -> None:
     reader = PlanReader()
     recordings = [reader.read(Path(p)) for p in ("s/F1/a", "s/F1/b", "s/F2/c", "s/F3/d")]
-    floors, problems = floors_of(reader, recordings)
+    floors, problems = read_floor_plans(reader, recordings)
     assert [floor.name for floor in floors] == ["F2", "F3", "F1"]
     assert problems == ("s/F2/plan.json: broken",)
 
@@ -245,7 +245,7 @@ def test_floors_are_gathered_once_and_broken_plans_reported() -> None:
 def test_one_floors_name_in_two_buildings_is_refused() -> None:
     reader = PlanReader()
     with pytest.raises(SiteError, match=r"floor 'F1' lie in .*site1/F1 and in .*site2/F1.*one building at a time"):
-        survey([reader.read(Path("site1/F1/a")), reader.read(Path("site2/F1/b"))], [])
+        survey_recordings([reader.read(Path("site1/F1/a")), reader.read(Path("site2/F1/b"))], [])
 
 
 def test_a_site_names_the_floors_it_has() -> None:
@@ -256,9 +256,9 @@ def test_a_site_names_the_floors_it_has() -> None:
 
 
 def test_an_empty_site_comes_back_too(tmp_path: Path) -> None:
-    site = survey([walk("w", [(0, 0, 0), (5, 1, 1)])], []).site
-    save(site, tmp_path / "site")
-    loaded = load(tmp_path / "site")
+    site = survey_recordings([walk("w", [(0, 0, 0), (5, 1, 1)])], []).site
+    save_site(site, tmp_path / "site")
+    loaded = load_site(tmp_path / "site")
     assert isinstance(loaded, Site)
     assert len(loaded.radio_map) == 0
     assert plain(loaded) == plain(site)

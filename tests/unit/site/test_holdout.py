@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from surveys import walk
 
 from tickfix.api import Recording, SiteError
-from tickfix.site.holdout import chains, is_held_out
+from tickfix.site.waypoints import assign_chains, is_held_out
 
 
 def brute_force(recordings: list[Recording]) -> dict[str, str]:
@@ -54,7 +54,7 @@ walks = st.lists(
 def test_chains_are_what_the_rule_says_in_whatever_order_walks_come(recordings: list[Recording], random) -> None:
     expected = brute_force(recordings)
     random.shuffle(recordings)
-    assert chains(recordings) == expected
+    assert assign_chains(recordings) == expected
 
 
 def test_a_walk_joins_the_latest_ending_walk_that_is_near_and_recent_enough() -> None:
@@ -68,7 +68,7 @@ def test_a_walk_joins_the_latest_ending_walk_that_is_near_and_recent_enough() ->
         walk("elsewhere", [(191, 2, 2), (195, 3, 3)], floor="F2"),
         walk("no-truth", []),
     ]
-    assert chains(recordings) == {
+    assert assign_chains(recordings) == {
         "first": "first",
         "longer": "longer",
         "next": "longer",

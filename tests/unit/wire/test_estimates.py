@@ -43,8 +43,8 @@ def test_keys_stand_in_order_and_every_field_is_there(estimate):
 
 
 def test_numbers_of_numpy_have_the_bytes_of_plain_ones():
-    odd = replace(PLAIN, tick=np.int64(5), t_ns=np.int64(10**9), gate=np.float64(0.5), innovation_m=np.float64(-0.0))
-    assert encode_estimate(odd) == encode_estimate(replace(PLAIN, gate=0.5, innovation_m=-0.0))
+    odd = replace(PLAIN, tick=np.int64(5), t_ns=np.int64(10**9), nis=np.float64(0.5), innovation_m=np.float64(-0.0))
+    assert encode_estimate(odd) == encode_estimate(replace(PLAIN, nis=0.5, innovation_m=-0.0))
 
 
 def test_lone_surrogates_of_a_failure_do_not_stop_the_publication():

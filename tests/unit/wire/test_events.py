@@ -11,17 +11,17 @@ from wire_strategies import EVENTS, SENT, content
 
 from tickfix.api import LATEST_NS, Fix, MotionSamples, Pressure, Samples, Scan, motion_samples
 from tickfix.api.events import UNSET_NS
-from tickfix.kernel import Outcome
+from tickfix.kernel import MessageOutcome
 from tickfix.wire import (
     Hello,
     MessageLimits,
     WireError,
-    check_sent,
+    check_received_event,
     decode_event,
     decode_message,
     encode_event,
-    from_event,
-    to_event,
+    event_to_message,
+    message_to_event,
     unknown_sensors,
 )
 
@@ -77,20 +77,20 @@ def test_nan_with_a_payload_and_negative_zero_keep_their_bits():
 
 @given(SENT, st.booleans())
 def test_what_a_sender_sends_is_the_event_but_for_its_arrival(event, ack):
-    sent = decode_message(from_event(event, ack=ack), LIMITS)
+    sent = decode_message(event_to_message(event, ack=ack), LIMITS)
     assert sent.ack is ack
     if isinstance(event, MotionSamples):
         event = MotionSamples(
             sensors=event.sensors, device=event.device, session=event.session, seq=event.seq, arrival_ns=77
         )
-        assert content(to_event(sent, 77)) == content(event)
+        assert content(message_to_event(sent, 77)) == content(event)
     else:
-        assert encode_event(to_event(sent, event.arrival_ns)) == encode_event(event)
+        assert encode_event(message_to_event(sent, event.arrival_ns)) == encode_event(event)
 
 
 def test_arrival_is_the_engines_word_whatever_a_device_says():
     sent = message(type="pressure", t_ns=5, pressure_hpa=1000.0, arrival_ns=1)
-    assert to_event(sent, 9).arrival_ns == 9
+    assert message_to_event(sent, 9).arrival_ns == 9
 
 
 def test_lists_and_bin_mean_the_same():
@@ -98,36 +98,36 @@ def test_lists_and_bin_mean_the_same():
     lists = message(type="motion", sensors={"gyroscope": {"t_ns": t, "values": rows}})
     raw = {"t_ns": np.array(t, "<i8").tobytes(), "values": np.array(rows, "<f8").tobytes()}
     packed = message(type="motion", sensors={"gyroscope": raw})
-    assert encode_event(to_event(lists, 3)) == encode_event(to_event(packed, 3))
+    assert encode_event(message_to_event(lists, 3)) == encode_event(message_to_event(packed, 3))
     scan = {"type": "scan", "transmitters": ["a", "b"]}
     lists = message(**scan, rssi_dbm=[-60, -70.5], heard_ns=[1, 2])
     packed = message(**scan, rssi_dbm=np.array([-60, -70.5]).tobytes(), heard_ns=np.array([1, 2]).tobytes())
-    assert encode_event(to_event(lists, 3)) == encode_event(to_event(packed, 3))
+    assert encode_event(message_to_event(lists, 3)) == encode_event(message_to_event(packed, 3))
     fix = {"type": "fix", "t_ns": 1, "floor": "F1"}
     lists = message(**fix, xy=[1, 2], covariance=[[1, 0], [0, 1]])
     packed = message(**fix, xy=np.array([1.0, 2]).tobytes(), covariance=np.eye(2).tobytes())
-    assert encode_event(to_event(lists, 3)) == encode_event(to_event(packed, 3))
+    assert encode_event(message_to_event(lists, 3)) == encode_event(message_to_event(packed, 3))
 
 
 def test_arrays_of_a_decoded_event_cannot_be_written():
-    event = to_event(message(type="truth", t_ns=1, floor="F1", xy=[1.0, 2.0]), 1)
+    event = message_to_event(message(type="truth", t_ns=1, floor="F1", xy=[1.0, 2.0]), 1)
     with pytest.raises(ValueError, match="read-only"):
         event.xy[0] = 5.0
 
 
 def test_a_fix_without_covariance_has_that_of_the_api():
-    event = to_event(message(type="fix", t_ns=1, floor="F1", xy=[1.0, 2.0]), 1)
+    event = message_to_event(message(type="fix", t_ns=1, floor="F1", xy=[1.0, 2.0]), 1)
     assert content(event) == content(Fix(t_ns=1, floor="F1", xy=[1.0, 2.0], device="d", arrival_ns=1))
 
 
 def test_an_unknown_sensor_is_left_out_and_can_be_counted():
     light = {"t_ns": [1], "values": [[300.0]]}
     sent = message(type="motion", sensors={"light": light, "pressure": {"t_ns": [1], "values": [[1000.0]]}})
-    assert list(to_event(sent, 1).sensors) == ["pressure"]
+    assert list(message_to_event(sent, 1).sensors) == ["pressure"]
     assert unknown_sensors(sent) == ("light",)
     with pytest.raises(WireError, match="found 'light'; expected accelerometer") as caught:
-        to_event(message(type="motion", sensors={"light": light}), 1)
-    assert caught.value.outcome is Outcome.UNKNOWN
+        message_to_event(message(type="motion", sensors={"light": light}), 1)
+    assert caught.value.outcome is MessageOutcome.UNKNOWN
 
 
 @pytest.mark.parametrize(
@@ -167,9 +167,9 @@ def test_an_unknown_sensor_is_left_out_and_can_be_counted():
 )
 def test_arrays_that_do_not_fit_together_are_named(fields, text):
     with pytest.raises(WireError) as caught:
-        to_event(message(**fields), 1)
+        message_to_event(message(**fields), 1)
     assert str(caught.value).startswith(text)
-    assert caught.value.outcome is Outcome.MALFORMED
+    assert caught.value.outcome is MessageOutcome.MALFORMED
 
 
 WILD = [-1, -(2**63), LATEST_NS + 1, 2**63 - 1]
@@ -187,38 +187,38 @@ EXPECTED = "expected a time from 0 to 4611686018427387903 ns"
     ],
 )
 def test_a_message_whose_time_is_none_is_refused_by_name(fields, field, t_ns):
-    event = to_event(message(**fields, t_ns=t_ns), 1)
+    event = message_to_event(message(**fields, t_ns=t_ns), 1)
     if fields["type"] == "scan" and t_ns == UNSET_NS:  # the time of its newest reading
         assert event.t_ns == 5
         return
     with pytest.raises(WireError) as caught:
-        check_sent(event)
+        check_received_event(event)
     assert str(caught.value) == f"{field}: found {t_ns}; {EXPECTED}"
-    assert caught.value.outcome is Outcome.MALFORMED
+    assert caught.value.outcome is MessageOutcome.MALFORMED
 
 
 @pytest.mark.parametrize("t_ns", WILD)
 def test_of_arrays_of_times_one_that_is_right_is_enough(t_ns):
     motion = {"accelerometer": {"t_ns": [], "values": []}, "gyroscope": {"t_ns": [t_ns], "values": [[1.0, 2.0, 3.0]]}}
     with pytest.raises(WireError) as caught:
-        check_sent(to_event(message(type="motion", sensors=motion), 1))
+        check_received_event(message_to_event(message(type="motion", sensors=motion), 1))
     assert str(caught.value) == f"sensors.gyroscope.t_ns[0]: found {t_ns}; {EXPECTED}"
     motion["accelerometer"] = {"t_ns": [t_ns, LATEST_NS], "values": [[1.0, 2.0, 3.0]] * 2}
-    check_sent(to_event(message(type="motion", sensors=motion), 1))
-    check_sent(to_event(message(type="motion", sensors={}), 1))
+    check_received_event(message_to_event(message(type="motion", sensors=motion), 1))
+    check_received_event(message_to_event(message(type="motion", sensors={}), 1))
 
 
 def test_a_scan_dated_by_a_reading_without_a_time_is_refused_by_the_name_of_the_reading():
     scan = {"type": "scan", "transmitters": ["a", "b"], "rssi_dbm": [-60.0, -61.0], "heard_ns": [5, 2**63 - 1]}
     with pytest.raises(WireError, match=rf"heard_ns\[1\]: found {2**63 - 1}; {EXPECTED}"):
-        check_sent(to_event(message(**scan), 1))
-    check_sent(to_event(message(**scan, t_ns=7), 1))
+        check_received_event(message_to_event(message(**scan), 1))
+    check_received_event(message_to_event(message(**scan, t_ns=7), 1))
 
 
 @pytest.mark.parametrize("x", [float("nan"), float("inf")])
 def test_truth_must_be_somewhere(x):
     with pytest.raises(WireError, match=r"xy: found \[(nan|inf), 2.0\]; expected finite numbers, metres"):
-        check_sent(to_event(message(type="truth", t_ns=1, floor="F", xy=[x, 2.0]), 1))
+        check_received_event(message_to_event(message(type="truth", t_ns=1, floor="F", xy=[x, 2.0]), 1))
 
 
 def test_text_that_is_no_unicode_is_refused():
@@ -238,12 +238,12 @@ def test_a_hello_is_no_event():
     hello = decode_message(data, LIMITS)
     assert isinstance(hello, Hello)
     with pytest.raises(TypeError):
-        to_event(hello, 1)
+        message_to_event(hello, 1)
 
 
 def test_a_message_is_no_canonical_event_as_its_arrival_is_missing():
     with pytest.raises(WireError, match="arrival_ns: found nothing"):
-        decode_event(from_event(Pressure(t_ns=1, pressure_hpa=1.0)))
+        decode_event(event_to_message(Pressure(t_ns=1, pressure_hpa=1.0)))
 
 
 @given(EVENTS, st.data())
@@ -261,7 +261,7 @@ def test_a_damaged_event_is_refused_or_is_another_event(event, data):
 
 @given(SENT)
 def test_arrays_of_a_message_are_as_an_event_makes_them(event):
-    told = to_event(decode_message(from_event(event), LIMITS), 7)
+    told = message_to_event(decode_message(event_to_message(event), LIMITS), 7)
     if not isinstance(told, MotionSamples):
         return
     for samples in told.sensors.values():

@@ -11,31 +11,39 @@ import msgspec
 import pytest
 
 from tickfix.api import LATEST_NS, SENSORS, Status
-from tickfix.kernel import Outcome
-from tickfix.wire import OLDEST_VERSION, REQUESTS, VERSION, MessageLimits, decode_message, decode_request, to_event
-from tickfix.wire.schema import PARTS, PORTS, document
+from tickfix.kernel import MessageOutcome
+from tickfix.wire import (
+    CONTROL_REQUESTS,
+    OLDEST_VERSION,
+    VERSION,
+    MessageLimits,
+    decode_message,
+    decode_request,
+    message_to_event,
+)
+from tickfix.wire.schema import MESSAGES_BY_PORT, NESTED_TYPES, build_schema
 
 DOCS = Path(__file__).parents[3] / "docs"
 PAGE = (DOCS / "wire-protocol.md").read_text(encoding="utf-8")
-TYPES = [kind for kinds in PORTS.values() for kind in kinds] + list(PARTS)
+TYPES = [kind for kinds in MESSAGES_BY_PORT.values() for kind in kinds] + list(NESTED_TYPES)
 ROWS = [[cell.strip() for cell in row.split("|")[1:-1]] for row in PAGE.splitlines() if row.startswith("| ")]
 
 
 def test_the_schema_in_the_docs_is_that_of_the_types():
     written = json.loads((DOCS / "wire-schema.json").read_text(encoding="utf-8"))
-    assert written == document(), "run `python -m tickfix.wire.schema > docs/wire-schema.json`"
+    assert written == build_schema(), "run `python -m tickfix.wire.schema > docs/wire-schema.json`"
 
 
 def test_every_field_is_described_in_the_schema():
-    for name, definition in document()["$defs"].items():
+    for name, definition in build_schema()["$defs"].items():
         silent = [field for field, schema in definition.get("properties", {}).items() if "description" not in schema]
         # A decision is described as a whole.
-        if "v" in definition.get("properties", {}) or name in {kind.__name__ for kind in PARTS}:
+        if "v" in definition.get("properties", {}) or name in {kind.__name__ for kind in NESTED_TYPES}:
             assert set(silent) <= {"type", "v"}, name
 
 
 def test_the_schema_has_no_markup():
-    assert not re.search(r":\w+:`|``", json.dumps(document()))
+    assert not re.search(r":\w+:`|``", json.dumps(build_schema()))
 
 
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)
@@ -59,13 +67,13 @@ def test_the_page_tells_the_version():
 
 def test_the_page_tells_every_outcome_and_no_other():
     section = PAGE.partition("Every message has exactly one outcome:")[2].partition("## Positions")[0]
-    assert re.findall(r"^\| `(\w+)`", section, re.MULTILINE) == [outcome.value for outcome in Outcome]
+    assert re.findall(r"^\| `(\w+)`", section, re.MULTILINE) == [outcome.value for outcome in MessageOutcome]
 
 
 def test_the_page_tells_every_request_and_no_other():
     section = PAGE.partition("\n## Control")[2].partition("\n## ")[0]
     told = re.findall(r"^\| `([\w-]+)`", section, re.MULTILINE)
-    assert sorted(told) == sorted([*REQUESTS, "what"])
+    assert sorted(told) == sorted([*CONTROL_REQUESTS, "what"])
 
 
 def test_the_page_tells_the_limits():
@@ -77,10 +85,14 @@ def test_the_page_tells_the_limits():
 def test_page_and_schema_tell_from_when_to_when_times_run():
     assert f"Times run from 0 to {LATEST_NS} (2⁶² − 1;" in PAGE
     assert LATEST_NS == 2**62 - 1
-    properties = document()["$defs"]["Pressure"]["properties"]
+    properties = build_schema()["$defs"]["PressureMessage"]["properties"]
     assert (properties["t_ns"]["minimum"], properties["t_ns"]["maximum"]) == (0, LATEST_NS)
     assert properties["arrival_ns"]["anyOf"][0]["maximum"] == 2**63 - 1
-    (heard,) = (one for one in document()["$defs"]["Scan"]["properties"]["heard_ns"]["anyOf"] if one["type"] == "array")
+    (heard,) = (
+        one
+        for one in build_schema()["$defs"]["ScanMessage"]["properties"]["heard_ns"]["anyOf"]
+        if one["type"] == "array"
+    )
     assert (heard["items"]["minimum"], heard["items"]["maximum"]) == (0, LATEST_NS)
 
 
@@ -108,4 +120,4 @@ def test_the_examples_are_understood():
         message = decode_message(data, MessageLimits())
         assert msgspec.to_builtins(message).items() >= example.items()
         if example["type"] != "bye":
-            to_event(message, 1)
+            message_to_event(message, 1)

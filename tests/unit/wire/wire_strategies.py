@@ -6,19 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tickfix.api import (
-    SENSORS,
-    Belief,
-    Component,
-    Estimate,
-    Fix,
-    MotionSamples,
-    Pressure,
-    Samples,
-    Scan,
-    Status,
-    Truth,
-)
+from tickfix.api import SENSORS, Belief, Component, Estimate, Fix, MotionSamples, Pressure, Samples, Scan, Status, Truth
 
 INT64 = st.integers(-(2**63) + 1, 2**63 - 1)
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
@@ -116,7 +104,7 @@ ESTIMATES = st.builds(
     motion_age_ns=st.none() | INT64,
     observation_age_ns=st.none() | INT64,
     innovation_m=st.none() | FLOAT,
-    gate=st.none() | FLOAT,
+    nis=st.none() | FLOAT,
     failed_by=TEXT,
     reasons=st.lists(TEXT, max_size=3).map(tuple),
     revision=INT64,

@@ -1,5 +1,5 @@
-"""A comparison: many walks, many seeds, many pipelines, and what is left of them.
+"""Comparison of pipelines.
 
-``grounds`` and ``folds`` say where to walk; ``trial`` runs one walk and keeps an ``outcome`` for each pipeline, which
-``store`` finds again after an interruption; ``points`` and ``pooled`` bring outcomes together; ``result`` compares.
+Many walks, seeds and sites. ``evaluation_sites`` says where, ``trials`` runs, ``trial_outcomes`` stores,
+``pooled_metrics`` pools and ``comparison_result`` compares.
 """

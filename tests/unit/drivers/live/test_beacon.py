@@ -7,8 +7,8 @@ import os
 import time
 import warnings
 
-from tickfix.drivers.live.watchdog.beacon import WORKERS, Beacon
 from tickfix.kernel import Pipeline, Stage
+from tickfix.live.heartbeat import MAX_WORKERS, WatchdogHeartbeat
 
 
 def pipeline(name: str, *, pdr: str = "p") -> Pipeline:
@@ -16,56 +16,56 @@ def pipeline(name: str, *, pdr: str = "p") -> Pipeline:
 
 
 def test_before_an_engine_has_introduced_its_stages_none_is_called_and_it_does_not_serve() -> None:
-    beacon = Beacon()
-    assert beacon.stage is None
-    assert not beacon.serves
-    assert beacon.without("any") == []
-    assert beacon.silence_s < 60
+    heartbeat = WatchdogHeartbeat()
+    assert heartbeat.stage is None
+    assert not heartbeat.is_serving
+    assert heartbeat.pipelines_without("any") == []
+    assert heartbeat.stall_s < 60
 
 
 def test_the_stage_that_was_called_is_told_until_it_comes_back() -> None:
-    beacon, slow = Beacon(), pipeline("slow")
-    beacon.introduce([slow, pipeline("fast")])
-    beacon.calling(slow.filter)
-    assert beacon.stage == ("filter slow", "filter 'slow'")
-    beacon.calling(None)
-    assert beacon.stage is None
-    worker = beacon.of_worker(WORKERS - 1)
-    worker.calling(slow.pdr)
-    assert beacon.stage == ("pdr p", "pdr 'p'")
+    heartbeat, slow = WatchdogHeartbeat(), pipeline("slow")
+    heartbeat.register_stages([slow, pipeline("fast")])
+    heartbeat.enter_stage(slow.filter)
+    assert heartbeat.stage == ("filter slow", "filter 'slow'")
+    heartbeat.enter_stage(None)
+    assert heartbeat.stage is None
+    worker = heartbeat.for_worker(MAX_WORKERS - 1)
+    worker.enter_stage(slow.pdr)
+    assert heartbeat.stage == ("pdr p", "pdr 'p'")
 
 
 def test_pipelines_that_do_without_a_stage_are_told() -> None:
-    beacon = Beacon()
-    beacon.introduce([pipeline("a"), pipeline("b"), pipeline("c", pdr="other")])
-    assert beacon.without("filter a") == ["b", "c"]
-    assert beacon.without("pdr p") == ["c"]
+    heartbeat = WatchdogHeartbeat()
+    heartbeat.register_stages([pipeline("a"), pipeline("b"), pipeline("c", pdr="other")])
+    assert heartbeat.pipelines_without("filter a") == ["b", "c"]
+    assert heartbeat.pipelines_without("pdr p") == ["c"]
 
 
 def test_another_engine_begins_without_the_marks_of_the_one_before() -> None:
-    beacon, slow = Beacon(), pipeline("slow")
-    beacon.introduce([slow])
-    beacon.of_worker(3).calling(slow.filter)
-    beacon.serving()
-    beacon.begin()
-    assert beacon.stage is None
-    assert not beacon.serves
+    heartbeat, slow = WatchdogHeartbeat(), pipeline("slow")
+    heartbeat.register_stages([slow])
+    heartbeat.for_worker(3).enter_stage(slow.filter)
+    heartbeat.mark_serving()
+    heartbeat.reset()
+    assert heartbeat.stage is None
+    assert not heartbeat.is_serving
     before_s = time.monotonic()
-    beacon.alive()
-    assert beacon.silence_s <= time.monotonic() - before_s + 1e-3
+    heartbeat.beat()
+    assert heartbeat.stall_s <= time.monotonic() - before_s + 1e-3
 
 
 def test_marks_and_names_that_make_no_sense_are_no_stage() -> None:
-    beacon, slow = Beacon(), pipeline("slow")
-    beacon.introduce([slow])
-    beacon.calling(slow.filter)
-    beacon._memory[1_100:] = b"\xff" * (len(beacon._memory) - 1_100)
-    assert beacon.stage is None
-    assert beacon.without("filter slow") == []
+    heartbeat, slow = WatchdogHeartbeat(), pipeline("slow")
+    heartbeat.register_stages([slow])
+    heartbeat.enter_stage(slow.filter)
+    heartbeat._memory[1_100:] = b"\xff" * (len(heartbeat._memory) - 1_100)
+    assert heartbeat.stage is None
+    assert heartbeat.pipelines_without("filter slow") == []
 
 
 def test_whoever_reads_while_signs_are_left_never_sees_half_of_one() -> None:
-    beacon = Beacon()
+    heartbeat = WatchdogHeartbeat()
     ours, theirs = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # the child takes no lock that a thread here may hold
@@ -76,14 +76,14 @@ def test_whoever_reads_while_signs_are_left_never_sees_half_of_one() -> None:
         try:
             while True:
                 for _ in range(1000):
-                    beacon.alive()
+                    heartbeat.beat()
                 with contextlib.suppress(BlockingIOError):
                     os.read(ours, 1)
                     break
         finally:
             os._exit(0)
     try:
-        longest_s = max(beacon.silence_s for _ in range(100_000))
+        longest_s = max(heartbeat.stall_s for _ in range(100_000))
     finally:
         os.close(theirs)
         os.close(ours)

@@ -9,9 +9,9 @@ import numpy as np
 
 from tickfix import config
 from tickfix.api import Context, MotionSamples, Samples
-from tickfix.drivers.live.collecting import rare_full_collections
 from tickfix.kernel import Kernel, KernelSettings
-from tickfix.plugins import discover
+from tickfix.live.startup import rare_full_collections
+from tickfix.registry import discover
 
 CONFIG = '[pipelines.k]\npdr = "steps"\nfilter = "kalman"\n'
 
@@ -27,7 +27,9 @@ def test_full_collections_are_rare_within_and_as_before_after() -> None:
 
 
 def test_a_device_that_is_gone_leaves_nothing_for_the_collector() -> None:
-    pipelines = config.build(config.parse(CONFIG, "test", discover()).pipelines, Context(floors={}), {})
+    pipelines = config.build_pipelines(
+        config.parse_config(CONFIG, "test", discover()).pipelines, Context(floors={}), {}
+    )
     kernel = Kernel(pipelines, KernelSettings(strict=True))
     t_ns = 200_000_000 + 20_000_000 * np.arange(100)
     gc.disable()

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from tickfix.api import Belief, Estimate, Status, Truth
-from tickfix.drivers.live.anytime import AnytimeMean
-from tickfix.drivers.live.contest import Contest
-from tickfix.drivers.live.saying import Saying
+from tickfix.live.live_comparison import AnytimeMean, LiveComparison
+from tickfix.live.protocol import EncodedEstimate
 
 
 @pytest.mark.parametrize(("law", "share"), [("normal", 0.05), ("heavy", 0.05), ("skewed", 0.12)])
@@ -38,7 +37,7 @@ def test_the_interval_finds_a_difference_in_the_end() -> None:
     assert mean.mean == pytest.approx(-0.5, abs=0.2)
 
 
-def said(pipeline: str, tick: int, x_m: float, device: str = "d", floor: str = "F") -> Saying:
+def estimates(pipeline: str, tick: int, x_m: float, device: str = "d", floor: str = "F") -> EncodedEstimate:
     belief = Belief(floor=floor, xy=np.array([x_m, 0.0]), covariance=np.eye(2))
     estimate = Estimate(
         device=device,
@@ -50,7 +49,7 @@ def said(pipeline: str, tick: int, x_m: float, device: str = "d", floor: str = "
         belief=belief,
         innovation_m=2.0 * x_m,
     )
-    return Saying.of(estimate)
+    return EncodedEstimate.of(estimate)
 
 
 def truth(t_s: float, device: str = "d") -> Truth:
@@ -58,42 +57,42 @@ def truth(t_s: float, device: str = "d") -> Truth:
 
 
 def test_a_waypoint_scores_what_had_been_said_by_then() -> None:
-    contest = Contest(["a", "b"], "a")
+    comparison = LiveComparison(["a", "b"], "a")
     for tick, (a, b) in enumerate([(1.0, 4.0), (2.0, 5.0), (9.0, 9.0)], 5):
-        contest.said([said("a", tick, a), said("b", tick, b)])
-    contest.truth(truth(1.25))  # ticks 5 and 6 are at 1.0 and 1.2 s
-    report = contest.report()
+        comparison.estimates([estimates("a", tick, a), estimates("b", tick, b)])
+    comparison.truth(truth(1.25))  # ticks 5 and 6 are at 1.0 and 1.2 s
+    report = comparison.report()
     assert report["a"]["error_m"] == 2.0
     assert report["b"]["error_m"] == 5.0
     assert report["b"]["walks"] == 0
-    assert report["b"]["apart_m"] == pytest.approx((3 + 3 + 0) / 3)
+    assert report["b"]["divergence_m"] == pytest.approx((3 + 3 + 0) / 3)
     assert report["a"]["innovation_m"] == pytest.approx(2 * (1 + 2 + 9) / 3)
-    contest.finish("d")
-    assert contest.report()["b"]["difference_m"] == 3.0
-    assert contest.report()["b"]["walks"] == 1
+    comparison.finish("d")
+    assert comparison.report()["b"]["difference_m"] == 3.0
+    assert comparison.report()["b"]["walks"] == 1
 
 
 def test_a_waypoint_counts_only_where_all_have_said_something_and_a_wrong_floor_costs() -> None:
-    contest = Contest(["a", "b"], "a")
-    contest.said([said("a", 5, 1.0)])
-    contest.truth(truth(1.0))
-    assert contest.report()["a"]["waypoints"] == 0
-    contest.said([said("b", 5, 1.0, floor="G")])
-    contest.truth(truth(1.0))
-    assert contest.report()["b"]["error_m"] == 16.0
-    contest.truth(truth(1.0, device="never heard of"))
-    contest.finish("never heard of")
+    comparison = LiveComparison(["a", "b"], "a")
+    comparison.estimates([estimates("a", 5, 1.0)])
+    comparison.truth(truth(1.0))
+    assert comparison.report()["a"]["waypoints"] == 0
+    comparison.estimates([estimates("b", 5, 1.0, floor="G")])
+    comparison.truth(truth(1.0))
+    assert comparison.report()["b"]["error_m"] == 16.0
+    comparison.truth(truth(1.0, device="never heard of"))
+    comparison.finish("never heard of")
 
 
 def test_each_walk_gives_one_difference_however_many_waypoints_it_has() -> None:
-    contest = Contest(["a", "b"], "a")
+    comparison = LiveComparison(["a", "b"], "a")
     for n in range(22):
         device = f"d{n}"
         for tick in range(5, 5 + 3 * (n + 1)):
-            contest.said([said("a", tick, 1.0, device), said("b", tick, 1.0 + 0.1 * n, device)])
-            contest.truth(truth(0.2 * tick, device))
-        contest.finish(device)
-    report = contest.report()["b"]
+            comparison.estimates([estimates("a", tick, 1.0, device), estimates("b", tick, 1.0 + 0.1 * n, device)])
+            comparison.truth(truth(0.2 * tick, device))
+        comparison.finish(device)
+    report = comparison.report()["b"]
     assert report["walks"] == 22
     assert report["difference_m"] == pytest.approx(0.1 * 10.5)
     low, high = report["interval_m"]

@@ -11,8 +11,8 @@ import sys
 # In processes of their own: forking belongs into a program with one thread, which a test runner is not.
 ENDS = """
 import json, os, signal, sys
-from tickfix.drivers.live.crew.member import Member
-from tickfix.drivers.live.errors import WorkerError
+from tickfix.live.worker import Member
+from tickfix.live.protocol import WorkerError
 
 def echo(line, notices):
     while True:
@@ -47,7 +47,7 @@ print(json.dumps(told))
 LEFT = """
 import os, sys
 from itertools import repeat
-from tickfix.drivers.live.crew.member import Member
+from tickfix.live.worker import Member
 
 def hang(line, notices):
     notices.send_bytes(str(os.getpid()).encode())

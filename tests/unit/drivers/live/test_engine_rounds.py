@@ -12,18 +12,18 @@ import pytest
 
 from tickfix import config
 from tickfix.api import Context, Event, MotionSamples, Pressure, Samples, Scan
-from tickfix.drivers.live.ledger import Ledger
-from tickfix.drivers.live.locating import Locator
-from tickfix.drivers.live.loop.engine import Engine
-from tickfix.drivers.live.replica import Replica
-from tickfix.drivers.live.settings import LiveSettings
 from tickfix.kernel import KernelSettings
 from tickfix.kernel.device import Device
-from tickfix.plugins import discover
-from tickfix.ports import Hub, Incoming, Peer, PeerLimits, PortSettings
-from tickfix.ports.peers import Account
+from tickfix.live.engine import Engine
+from tickfix.live.localization import LocatorThreads
+from tickfix.live.publisher import WriteAheadBuffer
+from tickfix.live.replica import Replica
+from tickfix.live.serve_options import LiveSettings
+from tickfix.ports import Hub, InboundMessage, Peer, PeerLimits, PortSettings
+from tickfix.ports.peers import PeerState
+from tickfix.registry import discover
 from tickfix.wire import Bye
-from tickfix.wire.decisions import Run
+from tickfix.wire.engine_messages import RunDevice
 
 S = 1_000_000_000
 CONFIG = '[pipelines.k]\npdr = "steps"\nfilter = "kalman"\n'
@@ -34,27 +34,29 @@ class Rounds:
     """An engine that goes round when it is told to; nothing comes in by its ports."""
 
     def __init__(self) -> None:
-        pipelines = config.build(config.parse(CONFIG, "test", discover()).pipelines, Context(floors={}), {})
+        pipelines = config.build_pipelines(
+            config.parse_config(CONFIG, "test", discover()).pipelines, Context(floors={}), {}
+        )
         self.replica = Replica(pipelines, KernelSettings())
         ports = PortSettings(sensors=ANY, positions=ANY, control=ANY, follow="")
         self.hub = Hub(ports, run="r", site="s", describe=lambda _, __: {})
         self.hub.start()
         self.told: list[str] = []
-        self.locator = Locator(self.replica.kernel.questions, self.hub.wake)
+        self.locator = LocatorThreads(self.replica.kernel.fingerprint_requests, self.hub.wake)
         self.engine = Engine(
             self.replica,
             self.locator,
             self.hub,
-            Ledger(None, self.hub),
+            WriteAheadBuffer(None, self.hub),
             LiveSettings(),
             site="s",
             names=["k"],
-            tell=self.told.append,
+            log=self.told.append,
         )
-        self._peer = Peer(Account("p", None, PeerLimits(), 0), b"nobody", delimited=False)
+        self._peer = Peer(PeerState("p", None, PeerLimits(), 0), b"nobody", delimited=False)
 
     def round(self, *events: Event | Bye) -> None:
-        self.engine._round([Incoming(event, self._peer, False, time.monotonic_ns()) for event in events])
+        self.engine._round([InboundMessage(event, self._peer, False, time.monotonic_ns()) for event in events])
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -85,8 +87,8 @@ def test_a_goodbye_of_one_leaves_nothing_undone_of_another_whose_clock_began_ane
     anew = motion("a", [9000.0, 9001.0, 9002.5])
     rounds.round(anew, Bye(v=1, device="b"))
     assert rounds.replica.snapshot()
-    assert rounds.replica.standings()["a"].epoch == 1
-    assert list(rounds.replica.standings()) == ["a"]
+    assert rounds.replica.progress_by_device()["a"].epoch == 1
+    assert list(rounds.replica.progress_by_device()) == ["a"]
 
 
 def test_what_one_message_makes_due_is_folded_over_many_rounds_and_more_is_put_off(rounds: Rounds) -> None:
@@ -98,15 +100,15 @@ def test_what_one_message_makes_due_is_folded_over_many_rounds_and_more_is_put_o
         ticks.append(rounds.engine.report()["ticks"])
     assert max(np.diff(ticks)) < 300
     assert rounds.engine.report()["ticks"] > 3_000
-    assert rounds.replica.standings()["good"].behind == 0
+    assert rounds.replica.progress_by_device()["good"].backlog == 0
     before = rounds.outcomes.get("busy", 0)
     bombs = [replace(bomb, sensors={"pressure": Samples(one.t_ns + shift, one.values)}) for one, shift in again(bomb)]
     rounds.round(*bombs)
     rounds.round(*bombs)
     assert rounds.outcomes["busy"] > before
-    assert rounds.engine.report()["put off"] > 0
+    assert rounds.engine.report()["deferred"] > 0
     rounds.round(Bye(v=1, device="bomb"))
-    assert "bomb" in rounds.replica.standings()
+    assert "bomb" in rounds.replica.progress_by_device()
 
 
 def again(bomb: MotionSamples) -> list[tuple[Samples, int]]:
@@ -120,8 +122,8 @@ def test_more_scans_than_can_wait_are_put_off(rounds: Rounds) -> None:
         return Scan(transmitters=("a",), rssi_dbm=np.array([-60.0]), heard_ns=heard_ns, device="d", session="s", seq=n)
 
     for n in range(1, 400):
-        rounds.engine._intake.take(Incoming(scan(n), rounds._peer, False, 0))
-        rounds.engine._tasks.do()
+        rounds.engine._admission.take(InboundMessage(scan(n), rounds._peer, False, 0))
+        rounds.engine._tasks.execute()
     assert rounds.outcomes == {"busy": 399 - 256}
 
 
@@ -130,7 +132,7 @@ def test_a_message_that_cannot_be_written_down_is_answered_and_ends_nothing(roun
     rounds.round(motion("good", [1.2]))
     assert rounds.outcomes == {"accepted": 2, "malformed": 1}
     assert "could not be taken in: WireError" in rounds.told[0]
-    assert rounds.engine.report()["mishaps"] == 1
+    assert rounds.engine.report()["errors"] == 1
 
 
 def test_a_device_that_the_kernel_lost_is_forgotten_by_the_loop(
@@ -139,18 +141,18 @@ def test_a_device_that_the_kernel_lost_is_forgotten_by_the_loop(
     rounds.round(motion("d", [1.0]), motion("good", [1.0]))
     honest = Device.run
 
-    def broken(device: Device, tick: int | None = None, most: int | None = None) -> Any:
+    def broken(device: Device, tick: int | None = None, max_ticks: int | None = None) -> Any:
         if device._device == "d" and device.number == 0:
             raise ZeroDivisionError
-        return (yield from honest(device, tick, most))
+        return (yield from honest(device, tick, max_ticks))
 
     monkeypatch.setattr(Device, "run", broken)
     journaled: list[object] = []
-    monkeypatch.setattr(Ledger, "decision", lambda _, decision, *__: journaled.append(decision))
+    monkeypatch.setattr(WriteAheadBuffer, "decision", lambda _, decision, *__: journaled.append(decision))
     rounds.round(motion("d", [1.5]), motion("good", [1.5]))
-    assert [one.device for one in journaled if isinstance(one, Run)] == ["d", "good"]
+    assert [one.device for one in journaled if isinstance(one, RunDevice)] == ["d", "good"]
     assert rounds.replica.kernel.devices == ("good",)
     assert [one["device"] for one in rounds.engine.devices(10)] == ["good"]
-    assert rounds.engine.report()["failures"] == {"device lost: ZeroDivisionError": 1}
+    assert rounds.engine.report()["failures"] == {"device quarantined: ZeroDivisionError": 1}
     rounds.round(motion("d", [2.0]), motion("good", [2.0]))
-    assert rounds.replica.standings()["d"].epoch == 1
+    assert rounds.replica.progress_by_device()["d"].epoch == 1

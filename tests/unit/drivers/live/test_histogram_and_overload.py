@@ -6,15 +6,15 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tickfix.drivers.live.histogram import Histogram
-from tickfix.drivers.live.loop.overload import Overload
+from tickfix.live.engine_status import DurationHistogram
+from tickfix.live.scheduler import OverloadDetector
 
 S = 1_000_000_000
 
 
 @given(st.lists(st.floats(0.002, 1e7), min_size=1, max_size=200), st.floats(0.01, 1.0))
 def test_quantiles_are_exact_to_six_percent_and_never_too_small(durations: list[float], q: float) -> None:
-    histogram = Histogram()
+    histogram = DurationHistogram()
     for ms in durations:
         histogram.add(ms)
     true = float(np.quantile(durations, q, method="inverted_cdf"))
@@ -23,7 +23,7 @@ def test_quantiles_are_exact_to_six_percent_and_never_too_small(durations: list[
 
 
 def test_an_empty_histogram_and_durations_out_of_range_are_no_error() -> None:
-    histogram = Histogram()
+    histogram = DurationHistogram()
     assert histogram.summary() == {"p50": 0.0, "p99": 0.0, "max": 0.0, "count": 0}
     histogram.add(-1.0)
     histogram.add(1e30)
@@ -32,16 +32,16 @@ def test_an_empty_histogram_and_durations_out_of_range_are_no_error() -> None:
 
 
 def test_a_hiccup_is_no_overload_and_a_pause_no_recovery() -> None:
-    overload = Overload(1.0)
-    assert not overload.late(5 * S, 0)
-    assert not overload.late(0, 1 * S)
-    assert not overload.late(5 * S, 2 * S)
-    assert not overload.late(5 * S, 4 * S)
-    assert overload.late(5 * S, 5 * S)
-    assert overload.announced
-    assert not overload.late(S // 10, 6 * S)
-    assert not overload.late(S // 2, 8 * S)  # better, but not well
-    assert not overload.late(S // 10, 9 * S)
-    assert overload.late(S // 10, 12 * S)
-    assert not overload.announced
-    assert overload.times == 1
+    overload = OverloadDetector(1.0)
+    assert not overload.update(5 * S, 0)
+    assert not overload.update(0, 1 * S)
+    assert not overload.update(5 * S, 2 * S)
+    assert not overload.update(5 * S, 4 * S)
+    assert overload.update(5 * S, 5 * S)
+    assert overload.active
+    assert not overload.update(S // 10, 6 * S)
+    assert not overload.update(S // 2, 8 * S)  # better, but not well
+    assert not overload.update(S // 10, 9 * S)
+    assert overload.update(S // 10, 12 * S)
+    assert not overload.active
+    assert overload.episodes == 1

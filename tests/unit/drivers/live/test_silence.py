@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tickfix.drivers.live.watchdog.silence import Silence
+from tickfix.live.heartbeat import StallDetector
 
 LINUX = Path("/proc/self/schedstat").exists()
 SPIN = """
@@ -44,14 +44,14 @@ def run(stack: ExitStack, code: str, *arguments: object) -> subprocess.Popen[byt
 
 def counted(pid: int, seconds: float, *, silent_since_s: float = 5.0) -> tuple[float, float]:
     """Look at a silent process for a while; return the silence that counts, and for how long it was looked at."""
-    silence, begun_s = Silence(pid), time.monotonic()
+    stall_detector, begun_s = StallDetector(pid), time.monotonic()
     looked_s = [begun_s]
     while looked_s[-1] - begun_s < seconds:
-        silence.look(looked_s[-1], silent_since_s + looked_s[-1] - begun_s)
+        stall_detector.update(looked_s[-1], silent_since_s + looked_s[-1] - begun_s)
         time.sleep(0.02)
         looked_s.append(time.monotonic())
     *looked_s, _ = looked_s
-    return silence.counted_s, sum(passed for passed in np.diff(looked_s) if passed <= 1.0)  # else nobody saw it
+    return stall_detector.stalled_s, sum(passed for passed in np.diff(looked_s) if passed <= 1.0)  # else nobody saw it
 
 
 @pytest.mark.parametrize("stopped", [False, True])
@@ -74,9 +74,9 @@ def test_one_that_is_not_let_run_is_hardly_silent(started: ExitStack) -> None:
 
 
 def test_the_count_begins_anew_with_every_sign_and_leaves_out_what_nobody_saw() -> None:
-    silence = Silence(0)  # nobody: time alone counts
-    silence.look(100.0, 0.0)
-    assert silence.look(100.5, 0.5) == 0.5
-    assert silence.look(100.9, 0.1) == 0.1
-    assert silence.look(200.0, 99.2) == 0.1  # nobody looked for a minute and a half
-    assert silence.look(200.4, 99.6) == pytest.approx(0.5)
+    stall_detector = StallDetector(0)  # nobody: time alone counts
+    stall_detector.update(100.0, 0.0)
+    assert stall_detector.update(100.5, 0.5) == 0.5
+    assert stall_detector.update(100.9, 0.1) == 0.1
+    assert stall_detector.update(200.0, 99.2) == 0.1  # nobody looked for a minute and a half
+    assert stall_detector.update(200.4, 99.6) == pytest.approx(0.5)

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tickfix.config import PipelineConfig, load
-from tickfix.evaluation.comparison import versions as module
-from tickfix.evaluation.comparison.versions import code_digest, versions
-from tickfix.plugins import discover
+from tickfix.config import PipelineConfig, load_config
+from tickfix.evaluation.comparison import trials as module
+from tickfix.evaluation.comparison.trials import code_digest, versions
+from tickfix.registry import discover
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def pipeline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PipelineConfig:
     (tmp_path / "mine.py").write_text("class Mine: ...\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     mine = importlib.import_module("mine")
-    chosen = load(None, discover()).pipelines[0]
+    chosen = load_config(None, discover()).pipelines[0]
     offer = replace(chosen.filter.offer, cls=mine.Mine, distribution="mine", version="2.5")
     return replace(chosen, filter=replace(chosen.filter, offer=offer))
 

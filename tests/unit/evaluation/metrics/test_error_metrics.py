@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from tickfix.evaluation.figures import Figures
-from tickfix.evaluation.metrics.circular import circular_error, floor_probability
-from tickfix.evaluation.metrics.curves import curve
-from tickfix.evaluation.metrics.penalised import penalised_errors
+from tickfix.evaluation.error_metrics import (
+    ErrorStatistics,
+    bin_errors,
+    circular_error,
+    floor_probability,
+    penalised_errors,
+)
 
 
 def test_the_ipin_score_adds_fifteen_metres_per_storey() -> None:
     penalised = penalised_errors(np.array([1.0, 2.0, 3.0, 4.0, 5.0]), np.array([0, 1, 0, 2, 0]))
     assert penalised.tolist() == [1.0, 17.0, 3.0, 34.0, 5.0]
-    assert Figures.of(penalised).p75_m == 17.0
+    assert ErrorStatistics.of(penalised).p75_m == 17.0
 
 
 def test_circular_errors_are_errors_that_occurred() -> None:
@@ -31,9 +34,9 @@ def test_the_floor_probability_is_the_share_of_right_floors() -> None:
 
 
 def test_a_curve_has_the_mean_and_third_quartile_of_every_bin() -> None:
-    found = curve(np.array([0.0, 9.9, 10.0, 35.0, 2.0]), np.array([1.0, 2.0, 5.0, 7.0, 6.0]), 10.0)
+    found = bin_errors(np.array([0.0, 9.9, 10.0, 35.0, 2.0]), np.array([1.0, 2.0, 5.0, 7.0, 6.0]), 10.0)
     assert found.middle.tolist() == [5.0, 15.0, 35.0]
     assert found.mean_m.tolist() == [3.0, 5.0, 7.0]
     assert found.p75_m.tolist() == [4.0, 5.0, 7.0]  # of 1, 2, 6: at index 1.5
     assert found.n.tolist() == [3, 1, 1]
-    assert len(curve(np.zeros(0), np.zeros(0), 10.0).n) == 0
+    assert len(bin_errors(np.zeros(0), np.zeros(0), 10.0).n) == 0

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from tickfix.api import TICK_NS, Truth
-from tickfix.evaluation.metrics.points import waypoints
-from tickfix.evaluation.metrics.pointwise import NOWHERE, pointwise, storeys_apart
+from tickfix.evaluation.scoring import NO_ESTIMATE, errors_at_samples, samples_at_waypoints, storeys_apart
 
 
 def test_error_floor_and_nees_at_each_point(track_of: Any) -> None:
     track = track_of([None, (3, 4), (6, 8)], floors=["F1", "F1", "F3"], sigma_m=5.0)
     truth = [Truth(t_ns=k * TICK_NS, floor="F1", xy=np.zeros(2)) for k in (1, 2, 3)]
-    found = pointwise(track, waypoints(truth), {"F1": 1, "F2": 2, "F3": 3})
+    found = errors_at_samples(track, samples_at_waypoints(truth), {"F1": 1, "F2": 2, "F3": 3})
     assert found.error_m[1:].tolist() == [5.0, 10.0]
     assert np.isnan(found.error_m[0])
-    assert found.floors_off.tolist() == [NOWHERE, 0, 2]
+    assert found.storeys_off.tolist() == [NO_ESTIMATE, 0, 2]
     assert found.nees[1] == pytest.approx(1.0)  # (3² + 4²) / 5²
     assert np.isnan(found.nees[[0, 2]]).all()
     assert found.density_level[1:] == pytest.approx([1 - np.exp(-0.5), 1.0])

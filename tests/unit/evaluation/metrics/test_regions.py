@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tickfix.api import Belief, Component
-from tickfix.evaluation.metrics.regions import density_level, ellipse_level, nees
+from tickfix.evaluation.error_metrics import density_level, ellipse_level, nees
 
 
 def gaussian(xy: tuple[float, float], variance: tuple[float, float], floor: str = "F1") -> Belief:

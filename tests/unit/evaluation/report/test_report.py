@@ -14,13 +14,11 @@ import numpy as np
 import pytest
 
 from tickfix.api import Floor
-from tickfix.evaluation.comparison.result import Result, result_of
-from tickfix.evaluation.report.elements import inline
-from tickfix.evaluation.report.folder import write_report
-from tickfix.evaluation.report.looks import MOST_LINES, chosen
-from tickfix.evaluation.report.page import html_page
-from tickfix.evaluation.report.sweeps import pareto
-from tickfix.evaluation.report.trouble import worst_walks
+from tickfix.evaluation.comparison.comparison_result import ComparisonResult, compare_trials
+from tickfix.evaluation.report.charts import MAX_LINES, drawn_pipelines, pareto
+from tickfix.evaluation.report.html_report import html_page, inline_svg
+from tickfix.evaluation.report.report_data import worst_walks
+from tickfix.evaluation.report.report_files import write_report
 
 HOUR_NS = 3_600_000_000_000
 PLAN = Floor(
@@ -32,7 +30,7 @@ PLAN = Floor(
 FLOORS = {("site", "F1"): PLAN}
 
 
-def result_for(trial_of: Any, offs: dict[str, float], walks: int = 3, **provenance: Any) -> Result:
+def result_for(trial_of: Any, offs: dict[str, float], walks: int = 3, **provenance: Any) -> ComparisonResult:
     """Walks along x that each pipeline misses by its own distance, every walk by more than the one before."""
     trials = [
         trial_of(
@@ -43,16 +41,16 @@ def result_for(trial_of: Any, offs: dict[str, float], walks: int = 3, **provenan
         )
         for i in range(walks)
     ]
-    return result_of(trials, baseline=next(iter(offs)), provenance={"command": "tickfix compare …", **provenance})
+    return compare_trials(trials, baseline=next(iter(offs)), provenance={"command": "tickfix compare …", **provenance})
 
 
 @pytest.fixture(scope="module")
-def result(trial_of: Any) -> Result:
+def result(trial_of: Any) -> ComparisonResult:
     return result_for(trial_of, {"A & co": 2.0, "B": 1.0})
 
 
 @pytest.fixture(scope="module")
-def folder(result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(result: ComparisonResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("report")
     assert write_report(result, FLOORS, place, draw=2) == place / "report.html"
     return place
@@ -69,7 +67,7 @@ class Reader(HTMLParser):
         self.outside: list[str] = []
         self.inside: list[str] = []
         self.open: list[str] = []
-        self.words: list[str] = []
+        self.diagnosis: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: Any) -> None:
         if tag not in self.VOID:
@@ -91,7 +89,7 @@ class Reader(HTMLParser):
 
     def handle_data(self, data: str) -> None:
         if self.open and self.open[-1] != "style":
-            self.words.append(data)
+            self.diagnosis.append(data)
 
 
 def read(page: str) -> Reader:
@@ -112,9 +110,9 @@ def test_the_page_asks_no_network_and_its_parts_find_each_other(folder: Path) ->
     assert {reference.removeprefix("#") for reference in found.inside} <= set(found.ids)
 
 
-def test_the_verdict_comes_first_and_names_are_escaped(folder: Path, result: Result) -> None:
-    words = [word.strip() for word in read((folder / "report.html").read_text("utf-8")).words if word.strip()]
-    text = " ".join(words)
+def test_the_verdict_comes_first_and_names_are_escaped(folder: Path, result: ComparisonResult) -> None:
+    diagnosis = [word.strip() for word in read((folder / "report.html").read_text("utf-8")).diagnosis if word.strip()]
+    text = " ".join(diagnosis)
     assert result.verdicts()[0].verdict in text
     assert text.index("Verdict") < text.index("Figures") < text.index("Errors in metres")
     assert "site: walk <2>" in text
@@ -123,7 +121,7 @@ def test_the_verdict_comes_first_and_names_are_escaped(folder: Path, result: Res
     assert result.summary.pipelines["B"].published in text
 
 
-def test_walks_are_drawn_the_worst_first_and_no_more_than_asked(folder: Path, result: Result) -> None:
+def test_walks_are_drawn_the_worst_first_and_no_more_than_asked(folder: Path, result: ComparisonResult) -> None:
     page = (folder / "report.html").read_text("utf-8")
     assert page.count('<svg class="walk"') == 2
     assert page.index("site: walk &lt;2&gt;") < page.index("site: walk &lt;1&gt;")
@@ -132,9 +130,9 @@ def test_walks_are_drawn_the_worst_first_and_no_more_than_asked(folder: Path, re
     assert page.count('href="#plan-0"') == 2
     worst = worst_walks(result.trials)
     assert [walk.trial.walk for walk in worst] == ["walk <2>", "walk <1>", "walk <0>"]
-    (a, b) = worst[0].troubles
+    (a, b) = worst[0].worst_cases
     assert (a.pipeline, a.worst_m, b.worst_m) == ("A & co", pytest.approx(6.2), pytest.approx(3.1))
-    assert a.words == "tracking, no observation used yet"
+    assert a.diagnosis == "tracking, no observation used yet"
 
 
 def test_the_figures_are_vector_graphics_that_stand_alone(folder: Path) -> None:
@@ -147,29 +145,29 @@ def test_the_figures_are_vector_graphics_that_stand_alone(folder: Path) -> None:
         assert "<image" not in path.read_text("utf-8")
 
 
-def test_markdown_json_and_csv_say_the_same(folder: Path, result: Result) -> None:
+def test_markdown_json_and_csv_say_the_same(folder: Path, result: ComparisonResult) -> None:
     text = (folder / "report.md").read_text("utf-8")
     assert text.index("## Verdict") < text.index("## Figures")
     for link in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text):
         assert (folder / link).is_file()
     assert json.loads((folder / "report.json").read_text("utf-8")) == json.loads(json.dumps(result.as_json()))
-    with (folder / "points.csv").open(encoding="utf-8") as file:
+    with (folder / "samples.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     errors = [float(row["error_m"]) for row in rows if row["pipeline"] == "B"]
-    assert np.mean(errors) == pytest.approx(result.figures["B"]["all"]["mean_m"])
+    assert np.mean(errors) == pytest.approx(result.metrics["B"]["all"]["mean_m"])
     assert len(rows) == 2 * 3 * 9
-    with (folder / "figures.csv").open(encoding="utf-8") as file:
+    with (folder / "metrics.csv").open(encoding="utf-8") as file:
         (mean,) = [
             row["value"]
             for row in csv.DictReader(file)
             if (row["pipeline"], row["group"], row["figure"]) == ("B", "all", "mean_m")
         ]
-    assert float(mean) == result.figures["B"]["all"]["mean_m"]
+    assert float(mean) == result.metrics["B"]["all"]["mean_m"]
     with (folder / "comparisons.csv").open(encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == len(result.comparisons)
 
 
-def test_the_same_result_gives_the_same_bytes(folder: Path, result: Result, tmp_path: Path) -> None:
+def test_the_same_result_gives_the_same_bytes(folder: Path, result: ComparisonResult, tmp_path: Path) -> None:
     write_report(result, FLOORS, tmp_path, draw=2)
     for path in sorted(folder.rglob("*.*")):
         assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
@@ -190,8 +188,8 @@ def test_a_sweep_gets_its_curve_its_heat_map_and_the_front(trial_of: Any, tmp_pa
     assert "Mean error in metres at all scored waypoints; the least is bold." in text
     assert "Mean error by n." in text
     assert "The line joins the pipelines that no other beats in both;" in text
-    drawn = chosen(result)
-    assert len(drawn) == MOST_LINES
+    drawn = drawn_pipelines(result)
+    assert len(drawn) == MAX_LINES
     assert drawn[0] == "f[k=1, q=0.5]"  # the baseline, though it is not among the best
     assert "f[k=1, q=0.1]" in drawn
 
@@ -203,11 +201,13 @@ def test_the_front_holds_what_no_other_beats_in_both() -> None:
 
 def test_inlined_figures_keep_their_references_apart() -> None:
     svg = '<?xml?><svg><metadata>x</metadata><path id="p"/><use xlink:href="#p"/><g clip-path="url(#c)"/></svg>'
-    assert inline(svg, "f1-") == ('<svg><path id="f1-p"/><use xlink:href="#f1-p"/><g clip-path="url(#f1-c)"/></svg>')
+    assert inline_svg(svg, "f1-") == (
+        '<svg><path id="f1-p"/><use xlink:href="#f1-p"/><g clip-path="url(#f1-c)"/></svg>'
+    )
 
 
 def test_a_run_without_a_scored_waypoint_still_has_a_report(trial_of: Any, tmp_path: Path) -> None:
-    result = result_of([trial_of("w", A=[None, None], B=[None, (1, 1)])], baseline="A")
+    result = compare_trials([trial_of("w", A=[None, None], B=[None, (1, 1)])], baseline="A")
     page = html_page(result, (), FLOORS, draw=5)
     read(page)
     assert "No waypoint was scored." in page

@@ -1,1 +1,0 @@
-"""Who looks after an engine from outside: signs of life, and what is done when there are none."""

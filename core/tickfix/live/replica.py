@@ -1,0 +1,163 @@
+"""A kernel that does what events and decisions say: the same live, after a crash, in a replay and in a follower."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from tickfix.api import Event, Scan
+from tickfix.api.packing import pack, unpack
+from tickfix.kernel import (
+    DeviceProgress,
+    Kernel,
+    KernelOutput,
+    KernelSettings,
+    KernelSnapshot,
+    MessageOutcome,
+    Pipeline,
+    Stage,
+    StageFailure,
+)
+from tickfix.live.protocol import EncodedEstimate, FeedEvent, ReplicaCounters, ReplicaStep, ReplicaStepResult
+from tickfix.wire import decode_event, encode_event
+from tickfix.wire.engine_messages import AdmitScan, Decision, DropScan, FinishDevice, RunDevice, SelectPrimary
+
+
+@dataclass(frozen=True, slots=True)
+class ReplicaSnapshot:
+    """All of a replica.
+
+    Attributes:
+        kernel: its kernel's snapshot, packed.
+        waiting: scans that no decision has spoken of yet: number and event, encoded.
+        primary: the pipeline that is published; empty means the first.
+    """
+
+    kernel: bytes
+    waiting: tuple[tuple[int, bytes], ...]
+    primary: str
+
+
+class Replica:
+    """Applies events and decisions, in their order, to a kernel of its own.
+
+    A scan only waits when it comes: a ``AdmitScan`` decision lets it in, once it has been located beside the loop.
+    """
+
+    def __init__(
+        self,
+        pipelines: Sequence[Pipeline],
+        settings: KernelSettings,
+        *,
+        on_call: Callable[[Stage | None], None] | None = None,
+        on_failure: Callable[[StageFailure], None] | None = None,
+    ) -> None:
+        """Begin with nothing.
+
+        Args:
+            on_call: told of every stage before it is called, and None after.
+            on_failure: told of every call that failed.
+        """
+        self.kernel = Kernel(pipelines, settings, on_call=on_call, on_failure=on_failure)
+        self._waiting: dict[int, Scan] = {}
+        self.primary = ""
+
+    def apply(self, steps: Iterable[ReplicaStep]) -> list[ReplicaStepResult]:
+        """Do the steps in their order and return what came of each; neighbouring runs are done together."""
+        results: list[ReplicaStepResult] = []
+        runs: list[RunDevice] = []
+        devices: set[str] = set()
+        for step in steps:
+            if isinstance(step, RunDevice) and step.device not in devices and (not runs or runs[0].most == step.most):
+                runs.append(step)
+                devices.add(step.device)
+                continue
+            results += self._run_batch(runs)
+            runs, devices = [], set()
+            if isinstance(step, RunDevice):
+                runs.append(step)
+                devices.add(step.device)
+            elif isinstance(step, FeedEvent):
+                outcome = self.event(step.number, step.event)
+                results.append(ReplicaStepResult(outcome, progress=self.kernel.progress(step.event.device)))
+            else:
+                results.append(self._decision_result(step))
+        return results + self._run_batch(runs)
+
+    def event(self, number: int, event: Event) -> MessageOutcome | None:
+        """Take in the event of record ``number``; None means that it waits for a decision."""
+        if isinstance(event, Scan):
+            self._waiting[number] = event
+            return None
+        return self.kernel.feed(event)
+
+    def apply_decision(self, decision: Decision) -> tuple[KernelOutput, MessageOutcome | None]:
+        """Do what was decided; return what the kernel says to it, and what became of a scan that it spoke of."""
+        if isinstance(decision, RunDevice):
+            return self.kernel.run(decision.device, decision.tick, decision.most), None
+        if isinstance(decision, AdmitScan):
+            scan = self._waiting.pop(decision.number, None)
+            return KernelOutput(), None if scan is None else self.kernel.feed(scan)
+        if isinstance(decision, FinishDevice):
+            return self.kernel.finish(decision.device), None
+        if isinstance(decision, DropScan):
+            self._waiting.pop(decision.number, None)
+        elif isinstance(decision, SelectPrimary):
+            self.primary = decision.pipeline
+        return KernelOutput(), None
+
+    def is_duplicate(self, event: Event) -> bool:
+        """Tell whether the event would be a duplicate by its number, without taking note of it."""
+        return self.kernel.is_duplicate(event)
+
+    def progress_by_device(self) -> dict[str, DeviceProgress]:
+        """Return how far each device has come."""
+        progress_by_device = {device: self.kernel.progress(device) for device in self.kernel.devices}
+        return {device: progress for device, progress in progress_by_device.items() if progress is not None}
+
+    def counters(self) -> ReplicaCounters:
+        """Return the counters as they are now."""
+        kernel = self.kernel
+        return ReplicaCounters(len(kernel.devices), dict(kernel.measurements), kernel.missing, dict(kernel.failures))
+
+    @property
+    def waiting(self) -> Mapping[int, Scan]:
+        """Scans that no decision has spoken of yet, by the number of their record."""
+        return self._waiting
+
+    def snapshot(self) -> bytes:
+        """Return all of it as bytes; every device must have been run since it was fed."""
+        waiting = tuple((number, encode_event(scan)) for number, scan in self._waiting.items())
+        return pack(ReplicaSnapshot(self.kernel.snapshot().packed(), waiting, self.primary))
+
+    def restore(self, data: bytes) -> None:
+        """Become what the bytes say.
+
+        Raises:
+            ValueError: when they are no snapshot, or one of a run with other settings.
+        """
+        kept = unpack(data, ReplicaSnapshot)
+        self.kernel.restore(KernelSnapshot.unpacked(kept.kernel))
+        self.primary = kept.primary
+        for number, encoded in kept.waiting:
+            event = decode_event(encoded)
+            if isinstance(event, Scan):
+                self._waiting[number] = event
+
+    def _run_batch(self, runs: Sequence[RunDevice]) -> list[ReplicaStepResult]:
+        if not runs:
+            return []
+        outputs = self.kernel.run_many([(run.device, run.tick) for run in runs], runs[0].most)
+        return [self._step_result(run.device, output) for run, output in zip(runs, outputs, strict=True)]
+
+    def _decision_result(self, decision: Decision) -> ReplicaStepResult:
+        scan = self._waiting.get(decision.number) if isinstance(decision, AdmitScan) else None
+        output, outcome = self.apply_decision(decision)
+        device = decision.device if isinstance(decision, FinishDevice) else "" if scan is None else scan.device
+        return self._step_result(device, output, outcome)
+
+    def _step_result(
+        self, device: str, output: KernelOutput, outcome: MessageOutcome | None = None
+    ) -> ReplicaStepResult:
+        estimates = tuple(EncodedEstimate.of(estimate) for estimate in (*output.revised, *output.published))
+        return ReplicaStepResult(outcome, estimates, bool(estimates or output.settled), self.kernel.progress(device))

@@ -1,0 +1,221 @@
+"""Bringing an engine up: site, pipelines, executor, ports and journal, from the start or from where a run stood."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Final, Protocol
+
+from tickfix.client import Keys
+from tickfix.config import build_pipelines
+from tickfix.journal import JournalWriter
+from tickfix.kernel import QUARANTINED, KernelSettings, Pipeline, StageFailure
+from tickfix.live.engine import Engine
+from tickfix.live.engine_status import EngineStatus, StatusSource, static_status
+from tickfix.live.follower import Follower, Leader
+from tickfix.live.heartbeat import WatchdogHeartbeat
+from tickfix.live.localization import LocatorThreads, ScanLocator, with_fingerprint_cache
+from tickfix.live.protocol import EngineError, Executor
+from tickfix.live.publisher import WriteAheadBuffer
+from tickfix.live.recovery import last_values, open_journal, resume_if_requested, retry_while_locked, run_ids
+from tickfix.live.replica import Replica
+from tickfix.live.serve_options import LiveSettings, ServeOptions
+from tickfix.live.worker import Worker
+from tickfix.live.worker_pool import WorkerPool
+from tickfix.ports import Hub, PortAddresses, PortSettings
+from tickfix.registry import Registry
+from tickfix.replay.site_survey import site_context
+from tickfix.site.folder import load_site
+
+_FULL_EVERY: Final = 1_000
+"""Collections of the middle generation between full ones; by default 10."""
+
+
+@contextmanager
+def rare_full_collections() -> Iterator[None]:
+    """Leave out of the garbage collector's sight what is there now, and let it look at all of the rest seldom.
+
+    A full collection looks at every state of every device and stops the loop meanwhile. It is there for cycles that
+    live long; a device that is gone leaves none, and short-lived ones are found as ever.
+    """
+    young, middle, full = gc.get_threshold()
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(young, middle, _FULL_EVERY)
+    try:
+        yield
+    finally:
+        gc.set_threshold(young, middle, full)
+        gc.unfreeze()
+
+
+def build_executor(
+    live: LiveSettings,
+    pipelines: Sequence[Pipeline],
+    settings: KernelSettings,
+    heartbeat: WatchdogHeartbeat,
+    log: Callable[[str], None],
+) -> Executor:
+    """Return who folds: workers, forked from this process, which must have no other thread yet; or this process.
+
+    Args:
+        heartbeat: gets signs of life, of each worker its own.
+        log: told, in a sentence, of a device that was lost.
+    """
+
+    def replica(own: WatchdogHeartbeat) -> Replica:
+        return Replica(
+            with_fingerprint_cache(pipelines), settings, on_call=own.enter_stage, on_failure=_failure_logger(log)
+        )
+
+    def work(n: int, channel: Connection, completions: Connection) -> None:
+        own = heartbeat.for_worker(n)
+        worker = Worker(replica(own), channel, completions, own, threads=live.locators, timeout_s=live.locate_timeout_s)
+        with rare_full_collections():
+            worker.serve()
+
+    return WorkerPool(live.workers, work) if live.workers else replica(heartbeat)
+
+
+def build_scan_locator(replica: Executor, live: LiveSettings, wake: Callable[[], None]) -> ScanLocator:
+    """Return who locates scans beside the loop, in each process that folds; ``wake`` is called when one is done."""
+    if isinstance(replica, WorkerPool):
+        return replica.scan_locator(wake)
+    assert isinstance(replica, Replica)  # noqa: S101 - one or the other
+    return LocatorThreads(
+        replica.kernel.fingerprint_requests, wake, threads=live.locators, timeout_s=live.locate_timeout_s
+    )
+
+
+def _failure_logger(log: Callable[[str], None]) -> Callable[[StageFailure], None]:
+    """Return what tells of a device that was lost; failures of stages are counted, and told with each estimate."""
+
+    def log_failure(failure: StageFailure) -> None:
+        if failure.stage == QUARANTINED:
+            log(f"a device had to be abandoned, please report this: {failure.detail}")
+
+    return log_failure
+
+
+class LiveEngine(StatusSource, Protocol):
+    """An engine: one that takes sensors in, or one that follows another."""
+
+    def recover(self) -> None:
+        """Take over what the replica was restored with."""
+
+    def serve(self) -> None:
+        """Run until told to stop."""
+
+    def stop(self) -> None:
+        """Stop after this round; from any thread."""
+
+
+def serve(
+    options: ServeOptions,
+    registry: Registry,
+    heartbeat: WatchdogHeartbeat,
+    *,
+    on_started: Callable[[str, PortAddresses], None],
+    log: Callable[[str], None],
+    on_ended: Callable[[LiveEngine], None] = lambda _: None,
+    control: Callable[[LiveEngine], None] = lambda _: None,
+) -> None:
+    """Serve until told to stop.
+
+    Args:
+        heartbeat: gets signs of life.
+        on_started: told the run and the addresses once the ports are open.
+        log: told, in a sentence, what an operator must know.
+        on_ended: told the engine when it has ended in order.
+        control: told the engine before it begins, so that a signal can stop it.
+
+    Raises:
+        TickfixError: when site, configuration, ports or journal do not allow it.
+    """
+    site = load_site(options.site)
+    pipelines, left_out = _enabled_pipelines(
+        build_pipelines(options.config.pipelines, site_context(site), site.models), options.disabled
+    )
+    names = [pipeline.name for pipeline in pipelines]
+    live = options.config.section("live", LiveSettings)
+    if live.primary and live.primary not in names and live.primary not in left_out:
+        raise EngineError(f"live.primary: found {live.primary!r}, expected one of {', '.join(names)}")
+    heartbeat.register_stages(pipelines)
+    replica = build_executor(live, pipelines, options.config.kernel, heartbeat, log)
+    resumed = resume_if_requested(options, replica, heartbeat, log)
+    run, shown = run_ids(resumed)
+    notes = [f"pipeline {name} is left out: {why}" for name, why in left_out.items()]
+    status = EngineStatus(static_status(options.config, registry, shown, site.name, names, left_out, notes))
+    ports = options.config.section("ports", PortSettings)
+    hub = Hub(ports, run=shown, site=site.name, describe=status.describe)
+    addresses = retry_while_locked(hub.start)
+    writer: JournalWriter | None = None
+
+    def after_round(engine: LiveEngine) -> None:
+        heartbeat.beat()
+        status.refresh(engine)
+
+    try:
+        writer = open_journal(options, registry, run, resumed, replica)
+        status.hub = hub
+        write_ahead = WriteAheadBuffer(writer, hub)
+        engine: LiveEngine
+        if options.follow:
+            if isinstance(replica, WorkerPool):
+                replica.scan_locator(hub.wake)  # nothing is located for a follower, but it hears when a worker is gone
+            followed = Leader(options.follow, _follow_keys(options.follow_key))
+            engine = Follower(
+                followed, replica, hub, write_ahead, live, site=site.name, names=names, after_round=after_round, log=log
+            )
+        else:
+            scan_locator = build_scan_locator(replica, live, hub.wake)
+            engine = Engine(
+                replica,
+                scan_locator,
+                hub,
+                write_ahead,
+                live,
+                site=site.name,
+                names=names,
+                after_round=after_round,
+                log=log,
+            )
+        engine.recover()
+        status.refresh(engine)
+        if resumed is not None:
+            hub.publish(
+                last_values(resumed, site.name, engine.report()["primary"], all_pipelines=live.publish == "all")
+            )
+        control(engine)
+        on_started(shown, addresses)
+        heartbeat.mark_serving()
+        with rare_full_collections():
+            engine.serve()
+        on_ended(engine)
+    finally:
+        hub.stop()
+        if writer is not None:
+            writer.close()
+        if isinstance(replica, WorkerPool):
+            replica.close()
+
+
+def _follow_keys(own: Path | None) -> Keys | None:
+    return None if own is None else Keys.read(own, own.parent / "engine.pub")
+
+
+def _enabled_pipelines(
+    pipelines: Sequence[Pipeline], disabled: Mapping[str, str]
+) -> tuple[tuple[Pipeline, ...], dict[str, str]]:
+    left_out: dict[str, str] = {}
+    for pipeline in pipelines:
+        for stage in pipeline.stages:
+            if stage.key in disabled:
+                left_out[pipeline.name] = f"{stage.label} {disabled[stage.key]}"
+    kept = tuple(pipeline for pipeline in pipelines if pipeline.name not in left_out)
+    if not kept:
+        raise EngineError(f"no pipeline is left: {'; '.join(f'{name}: {why}' for name, why in left_out.items())}")
+    return kept, left_out

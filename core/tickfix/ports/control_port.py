@@ -1,0 +1,146 @@
+"""The control port: answers queries from snapshots at once, and queues commands for the engine loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import zmq
+
+from tickfix.kernel import MessageOutcome
+from tickfix.ports.inbound_queue import ControlCommand, InboundQueue, RouterMessage, receive_message
+from tickfix.ports.peers import Peer, PeerRegistry
+from tickfix.ports.port_settings import Clock
+from tickfix.wire import VERSION, WireError
+from tickfix.wire.engine_messages import (
+    ControlReply,
+    ControlRequest,
+    ErrorReply,
+    decode_request,
+    encode_engine_message,
+    error_reply,
+)
+
+LOOP_COMMANDS: Final = frozenset({"drain", "stop", "primary"})
+"""Requests that the loop must carry out; all others are answered by the port itself."""
+
+_REQUESTS_PER_ROUND: Final = 16
+_DROPS_BEFORE_PAUSE: Final = 8
+_PAUSE_NS: Final = 2_000_000
+_UNTHROTTLED_NS: Final = 1_000_000
+_TIME_SHARE_DIVISOR: Final = 10
+
+DescribeRequest = Callable[[str, Mapping[str, Any]], Any]
+PostToThread = Callable[[Callable[[], None]], None]
+
+
+class ControlPort:
+    """Answers requests, each exactly once, and few enough at a time that the other ports go on.
+
+    Attributes:
+        requests, refused: how many came in, and how many were refused as throttled, unauthorised, malformed or unknown.
+        replies_lost: answers that could not be delivered.
+        paused_until_ns: the socket is not read before this instant of the monotonic clock.
+    """
+
+    def __init__(
+        self,
+        socket: zmq.Socket[bytes],
+        *,
+        peers: PeerRegistry,
+        inbound_queue: InboundQueue,
+        describe: DescribeRequest,
+        post: PostToThread,
+        clock: Clock,
+    ) -> None:
+        """Serve ``socket``, a bound ROUTER; ``post`` runs something on the thread that owns it."""
+        self._socket = socket
+        self._peers = peers
+        self._inbound_queue = inbound_queue
+        self._describe = describe
+        self._post = post
+        self._clock = clock
+        self.requests = 0
+        self.refused = 0
+        self.replies_lost = 0
+        self.paused_until_ns = 0
+
+    def serve(self) -> None:
+        """Answer what is there, at most a round of it, and a tenth of the port's time however much is asked."""
+        started_ns, drops = self._clock.monotonic_ns(), 0
+        for _ in range(_REQUESTS_PER_ROUND):
+            received = receive_message(self._socket)
+            if received is None:
+                break
+            drops += not self._answer(received)
+            if drops >= _DROPS_BEFORE_PAUSE:
+                self.paused_until_ns = self._clock.monotonic_ns() + _PAUSE_NS
+                break
+        ended_ns = self._clock.monotonic_ns()
+        if ended_ns - started_ns > _UNTHROTTLED_NS:
+            self.paused_until_ns = max(
+                self.paused_until_ns, ended_ns + (_TIME_SHARE_DIVISOR - 1) * (ended_ns - started_ns)
+            )
+
+    def _answer(self, received: RouterMessage) -> bool:
+        """Answer one request; return whether it was a good one."""
+        now_ns = self._clock.monotonic_ns()
+        peer = self._peers.identify(received.identity, delimited=received.delimited, now_ns=now_ns)
+        self.requests += 1
+        body = received.body or b""
+        try:
+            request = self._request(peer, received, now_ns)
+        except WireError as problem:
+            self.refused += 1
+            self._send(peer, encode_engine_message(error_reply(problem, body)))
+            return False
+        if request.what in LOOP_COMMANDS:
+            self._forward_command(peer, request)
+        else:
+            self._send(peer, self._describe_reply(request))
+        return True
+
+    def _request(self, peer: Peer, received: RouterMessage, now_ns: int) -> ControlRequest:
+        if not peer.allowed:
+            raise WireError("key", "one that was withdrawn", "a key on the allow-list", MessageOutcome.UNAUTHORISED)
+        if not peer.state.bucket.try_consume(received.n_bytes, now_ns):
+            expected = f"at most {peer.state.limits.messages_per_s:g} requests/s"
+            raise WireError("message", "too many requests", expected, MessageOutcome.THROTTLED)
+        if received.body is None:
+            raise WireError("message", f"{received.frames} frames", "one frame, or an empty one and one")
+        return decode_request(received.body)
+
+    def _describe_reply(self, request: ControlRequest) -> bytes:
+        try:
+            data = self._describe(request.what, request.args)
+            return encode_engine_message(ControlReply(v=VERSION, what=request.what, ok=True, data=data))
+        except Exception as problem:  # noqa: BLE001 - an answer that fails is told to who asked, and harms nobody else
+            reason = f"{type(problem).__name__}: {problem}"
+            return encode_engine_message(ControlReply(v=VERSION, what=request.what, ok=False, data=reason))
+
+    def _forward_command(self, peer: Peer, request: ControlRequest) -> None:
+        replied = False
+
+        def reply(ok: bool, data: Any) -> None:  # noqa: FBT001 - the shape that Command names
+            nonlocal replied
+            if replied:
+                return
+            replied = True
+            answer = encode_engine_message(ControlReply(v=VERSION, what=request.what, ok=ok, data=data))
+            self._post(lambda: self._send(peer, answer))
+
+        if not self._inbound_queue.command(ControlCommand(request.what, request.args, reply)):
+            busy = ErrorReply(
+                v=VERSION,
+                outcome=MessageOutcome.BUSY,
+                field="message",
+                found="too many orders that wait for the loop",
+                expected="the same request later",
+            )
+            self._send(peer, encode_engine_message(busy))
+
+    def _send(self, peer: Peer, body: bytes) -> None:
+        try:
+            self._socket.send_multipart(peer.envelope(body), zmq.NOBLOCK)
+        except zmq.ZMQError:
+            self.replies_lost += 1

@@ -1,1 +1,0 @@
-"""Wi-Fi fingerprinting by normalised cross correlation, and the Kalman/map filter: the experiments of [sun2013]."""

@@ -1,0 +1,116 @@
+"""The check that ``step_many`` and ``estimate_many`` of a filter give the same bits as one device at a time, on
+devices that differ in all that can differ."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from tickfix.api import Belief, Motion, Observation, Prior, Report, Rng, pack
+from tickfix.testing import world
+from tickfix.testing.contract import pure_call, require
+
+N_DEVICES: Final = 7
+
+StepPair = tuple[Any, Report]
+TickInput = tuple[Motion, Sequence[Observation]]
+
+
+def device_inputs(ticks: int) -> list[list[TickInput]]:
+    """Return what each device is given, tick by tick.
+
+    They walk elsewhere and from another moment on; one has no compass, one no motion now and then, one stands, one has
+    no fixes, one several at once, and one climbs the stairs.
+    """
+    walks = []
+    for d in range(N_DEVICES):
+        walk = world.walk(ticks + 5 * d, shift=(0.5 * d, 0.25 * d), compass=d != 1, fixes=d != 4)
+        walks.append([_tick_input(d, tick) for tick in list(walk)[-ticks:]])
+    return walks
+
+
+def _tick_input(d: int, tick: world.WalkTick) -> TickInput:
+    motion, observations = tick.motion, tick.observations
+    t_ns = motion.t1_ns
+    if d == 2 and tick.number % 3 == 0:
+        motion = Motion.unknown(motion.t0_ns, t_ns)
+    if d == 3:
+        motion = Motion(t0_ns=motion.t0_ns, t1_ns=t_ns, heading_rad=0.0, stationary=True)
+    if d == 5 and tick.number % 4 == 0:
+        observations = tuple(world.observation(tick.xy + n, t_ns) for n in range(3))
+    if d == 6 and tick.number % 3 == 0:
+        observations = (world.observation(tick.xy, t_ns, "F2"),)
+    return motion, observations
+
+
+def groupings() -> Iterator[tuple[str, list[list[int]]]]:
+    """Yield ways in which the devices may be asked for, and what to call each."""
+    every = list(range(N_DEVICES))
+    yield "all at once", [every]
+    yield "all at once, in another order", [every[::-1]]
+    yield "each in a batch of its own", [[d] for d in every]
+    yield "in batches of three", [every[4:], every[1:4], every[:1]]
+
+
+def check_step_many(algorithm: Any, ticks: int) -> None:
+    """Fail unless ``step_many`` and ``estimate_many`` say what ``step`` and ``estimate`` say, to the bit."""
+    walks = device_inputs(ticks)
+    fixes = [world.first_fix((0.5 * d, 0.25 * d)) for d in range(N_DEVICES)]
+    states = [algorithm.start(Prior(t_ns=fix.t_ns, fix=fix), _rng(d, 0)) for d, fix in enumerate(fixes)]
+    for k in range(ticks):
+        given = [walk[k] for walk in walks]
+        before = [pack(state) for state in states]
+        one_by_one = [algorithm.step(states[d], *given[d], _rng(d, k + 1)) for d in range(N_DEVICES)]
+        believed = [algorithm.estimate(state) for state, _ in one_by_one]
+        for how, groups in groupings():
+            for group in groups:
+                stepped = _checked_step_many(algorithm, [states[d] for d in group], [given[d] for d in group], group, k)
+                beliefs = _checked_estimate_many(algorithm, [state for state, _ in stepped])
+                for d, (state, report), belief in zip(group, stepped, beliefs, strict=True):
+                    where = f"of device {d} of {N_DEVICES}, asked for {how}, at tick {k + 1}"
+                    _require_same_bits("step_many", "state", state, one_by_one[d][0], where)
+                    _require_same_bits("step_many", "report", report, one_by_one[d][1], where)
+                    _require_same_bits("estimate_many", "belief", belief, believed[d], where)
+        unchanged = [pack(state) for state in states] == before
+        require(unchanged, "step_many changed a state it was given. Write into copies, return new states")
+        states = [state for state, _ in one_by_one]
+
+
+def _rng(d: int, k: int) -> Rng:
+    return world.rng(11, d, k)
+
+
+def _checked_step_many(
+    algorithm: Any, states: Sequence[Any], given: Sequence[TickInput], group: Sequence[int], k: int
+) -> Sequence[StepPair]:
+    motions, observations = [motion for motion, _ in given], [seen for _, seen in given]
+    with pure_call(f"step_many at tick {k + 1}"):
+        stepped: Sequence[StepPair] = algorithm.step_many(
+            states, motions, observations, [_rng(d, k + 1) for d in group]
+        )
+    found = f"step_many of {len(group)} devices returned {len(stepped)} results"
+    require(len(stepped) == len(group), f"{found}. Return a pair (state, Report) for each, in the order given")
+    return stepped
+
+
+def _checked_estimate_many(algorithm: Any, states: Sequence[Any]) -> Sequence[Belief]:
+    with pure_call("estimate_many"):
+        beliefs: Sequence[Belief] = algorithm.estimate_many(states)
+    found = f"estimate_many of {len(states)} states returned {len(beliefs)} beliefs"
+    require(len(beliefs) == len(states), f"{found}. Return one for each, in the order given")
+    return beliefs
+
+
+def _require_same_bits(method: str, what: str, found: Any, expected: Any, where: str) -> None:
+    """Fail unless two values have the same bits, and say which of their fields have not."""
+    if pack(found) == pack(expected):
+        return
+    fields = [f.name for f in dataclasses.fields(expected)] if type(found) is type(expected) else []
+    differ = [name for name in fields if pack(getattr(found, name)) != pack(getattr(expected, name))]
+    require(
+        condition=False,
+        message=f"{method} gave another {what} {where}, than {method.removesuffix('_many')} gives of it alone: "
+        f"{', '.join(differ) or type(found).__name__} differs. Sum along each device's own row, never by a matrix "
+        "product over devices, and let each draw from its own rng what it draws alone",
+    )
