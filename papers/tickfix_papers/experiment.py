@@ -18,7 +18,7 @@ from tickfix.registry import Registry
 from tickfix.replay.process_pool import parallel_map
 from tickfix_papers.reproduction_report import Claim, PaperTable, ProgressCallback, Reproduction, TwinSetting
 
-SeedResult = TypeVar("Result")
+SeedResult = TypeVar("SeedResult")
 
 
 def run_over_seeds(

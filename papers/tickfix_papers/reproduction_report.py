@@ -131,6 +131,10 @@ class Reproduction:
     pictures: tuple[Path, ...] = ()
     failures: Mapping[str, int] = field(default_factory=dict)
 
+    def render(self, *, twin_settings: bool) -> Group:
+        """Return tables and claims for the terminal; ``twin_settings`` adds the settings of the twin."""
+        return render_reproduction(self, twin_settings=twin_settings)
+
     def as_json(self) -> dict[str, Any]:
         """Return what ``--json`` prints for this paper."""
         return {

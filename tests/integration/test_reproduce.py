@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 from stored_floor import Command
-from tickfix_papers.sun2013 import twin
 from typer.testing import CliRunner
 
 from tickfix.cli.main import app
+from tickfix_papers.sun2013 import twin
 
 Run = Callable[..., str]
 

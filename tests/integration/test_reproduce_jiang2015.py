@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 from stored_floor import Command
-from tickfix_papers.jiang2015 import seed_run, twin
 from typer.testing import CliRunner
 
 from tickfix.cli.main import app
+from tickfix_papers.jiang2015 import seed_run, twin
 
 
 @pytest.fixture

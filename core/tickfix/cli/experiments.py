@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
-from tickfix_papers.experiment import PAPERS, load_experiment
-from tickfix_papers.reproduction_report import render_reproduction
 
 from tickfix.api import ConfigError
 from tickfix.cli.console import print_json, progress, registry, stdout, warn_each
@@ -78,8 +77,12 @@ def demo(
     )
 
 
+EXPERIMENTS: Final = "tickfix.experiments"
+"""The entry-point group of experiments: each entry is an object with ``reproduce``, as a paper's ``EXPERIMENT``."""
+
+
 def reproduce(
-    paper: Annotated[str, typer.Argument(metavar="PAPER", help=f"One of {', '.join(PAPERS)}, or all.")],
+    paper: Annotated[str, typer.Argument(metavar="PAPER", help="The paper's key, or all.")],
     *,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     pictures: Annotated[
@@ -96,16 +99,19 @@ def reproduce(
     ] = False,
 ) -> None:
     """Run a paper's experiment again on a simulated twin of its site: its tables beside ours, and which claims hold."""
-    if paper != "all" and paper not in PAPERS:
-        raise ConfigError("tickfix reproduce", repr(paper), f"one of {', '.join(PAPERS)}, all")
+    experiments = {point.name: point for point in sorted(entry_points(group=EXPERIMENTS), key=lambda p: p.name)}
+    if paper != "all" and paper not in experiments:
+        raise ConfigError("tickfix reproduce", repr(paper), ", ".join(["one of all", *experiments]))
     plugins = registry()
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
     results, seconds = [], []
     with progress() as show:
-        for name in PAPERS if paper == "all" else (paper,):
+        for name in experiments if paper == "all" else (paper,):
             began = time.perf_counter()
-            result = load_experiment(name).reproduce(range(seeds), show, pictures, registry=plugins, processes=workers)
+            result = (
+                experiments[name].load().reproduce(range(seeds), show, pictures, registry=plugins, processes=workers)
+            )
             results.append(result)
             seconds.append(time.perf_counter() - began)
     for result in results:
@@ -116,7 +122,7 @@ def reproduce(
         return
     console = stdout()
     for result, took in zip(results, seconds, strict=True):
-        console.print(render_reproduction(result, twin_settings=twin_settings))
+        console.print(result.render(twin_settings=twin_settings))
         for path in result.pictures:
             console.print(f"  {path}", soft_wrap=True)
         console.print(f"[{result.paper}] took {took:.0f} s", soft_wrap=True)

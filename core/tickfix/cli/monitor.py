@@ -23,7 +23,8 @@ from tickfix.client import ClientError, Control, Keys, Listener, RequestTimeoutE
 
 _PERIOD_S: Final = 1.0
 _FIRST_ROWS: Final = (
-    "tick_latency_ms", "round_duration_ms", "intake", "measurements", "failures", "publications", "journal", "pipelines",
+    "tick_latency_ms", "round_duration_ms", "intake", "measurements", "failures", "publications", "journal",
+    "pipelines",
 )  # fmt: skip
 _IN_TITLE: Final = ("run", "site", "version", "uptime_s", "devices", "ticks", "overload")
 _UNKNOWN: Final = "unknown"

@@ -307,8 +307,8 @@ class Session:
         while not self._buffer.fits(n_bytes):
             if self._on_drop is None or not self._buffer:
                 raise BufferFullError(
-                    f"{self._address}: {len(self._buffer)} messages ({self._buffer.buffered_bytes} bytes) wait for their "
-                    f"acknowledgement, and {n_bytes} bytes more do not fit; is the engine running? "
+                    f"{self._address}: {len(self._buffer)} messages ({self._buffer.buffered_bytes} bytes) wait for "
+                    f"their acknowledgement, and {n_bytes} bytes more do not fit; is the engine running? "
                     "Send later, keep more, or say by on_drop that the oldest may go"
                 )
             oldest = self._buffer.oldest()

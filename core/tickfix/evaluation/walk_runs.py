@@ -349,10 +349,7 @@ def _draw_walk_on_floors(
     setup: RunSetup, replayed: ReplayResult, tracks: Mapping[str, Track], folder: Path, *, animated: bool = False
 ) -> None:
     """Draw the walk on each floor it visits, with the fixes of the last pipeline that has a fingerprint."""
-    from tickfix.evaluation.pictures import (
-        animate_walk,  # noqa: PLC0415 - matplotlib is slow to import
-        draw_walk,  # noqa: PLC0415 - as above
-    )
+    from tickfix.evaluation.pictures import animate_walk, draw_walk  # noqa: PLC0415 - matplotlib is slow to import
 
     recording = replayed.recording
     fingerprint_keys = [p.fingerprint.key for p in setup.pipelines if p.fingerprint is not None]

@@ -138,7 +138,7 @@ class FsyncThread:
                 self._changed.notify()
 
     def when_durable(self, number: int, callback: Callable[[], None]) -> None:
-        """Have ``callback`` called, by the thread, once all records up to ``number`` are on the disk; in their order."""
+        """Have the thread call ``callback`` once all records up to ``number`` are on the disk, in order."""
         with self._changed:
             heapq.heappush(self._waiting, (number, next(self._tie_breaker), callback))
             if self._has_due_callback():

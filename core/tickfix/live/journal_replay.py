@@ -55,7 +55,8 @@ class EstimateDifference:
         produced = self.journaled or self.replayed
         if produced is None:
             return f"record {self.number}"
-        where = f"record {self.number}, device {produced.device!r}, epoch {produced.epoch}, tick {produced.tick}, {produced.pipeline}"
+        at = f"epoch {produced.epoch}, tick {produced.tick}"
+        where = f"record {self.number}, device {produced.device!r}, {at}, {produced.pipeline}"
         if self.replayed is None:
             return f"{where}: the journal has an estimate that the repetition does not make"
         if self.journaled is None:

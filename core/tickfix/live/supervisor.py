@@ -163,7 +163,8 @@ def _next_options(
     if not resumes and options.journal is not None:
         history.quick_failures = 0
         found.append(
-            f"{_MAX_QUICK_FAILURES} in a row broke soon after they went on from the journal: a new run begins, the old one is kept"
+            f"{_MAX_QUICK_FAILURES} in a row broke soon after they went on from the journal: a new run "
+            "begins, the old one is kept"
         )
     else:
         found.append("resuming from the journal" if resumes else "starting anew: there is no journal")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
+from socket import socketpair
 from typing import Any, Final
 
 import zmq
@@ -31,7 +31,7 @@ class CallQueue:
 
     def __init__(self) -> None:
         """Begin with none."""
-        self.wake, self._wake_writer = socket.socketpair()
+        self.wake, self._wake_writer = socketpair()
         self.wake.settimeout(0.0)
         self._wake_writer.settimeout(0.0)
         self._calls: deque[Callable[[], None]] = deque()

@@ -1,4 +1,4 @@
-"""The sensors port: decodes and admits each inbound message, queues it for the engine loop, or replies with the error."""
+"""The sensors port: decodes and admits each inbound message, queues it for the engine, or replies with the error."""
 
 from __future__ import annotations
 

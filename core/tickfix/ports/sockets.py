@@ -7,12 +7,13 @@ import errno
 import ipaddress
 import re
 import secrets
-import socket
 import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from socket import AF_UNIX, SOCK_STREAM
+from socket import socket as UnixSocket  # noqa: N812 - a socket here is ZeroMQ's
 from typing import Any, Final, cast
 
 import zmq
@@ -98,7 +99,7 @@ def check_ipc_path_free(where: str, address: PortAddress) -> None:
         raise PortError(f"{where}: {address.endpoint} cannot be bound: there is no folder {path.parent}")
     if path.exists() and not path.is_socket():
         raise PortError(f"{where}: {address.endpoint} cannot be bound: {path} is a file, and it is left alone")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+    with UnixSocket(AF_UNIX, SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         try:
             probe.connect(str(path))

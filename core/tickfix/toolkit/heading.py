@@ -2,8 +2,9 @@
 
 The phone is taken to point along its y axis, the long one, or along −z where it is held upright. In order of trust:
 
-1. the rotation vector, which the phone's own filter computed from all sensors; with ``gyroscope_time_constant_s`` its long-term mean
-   alone, carried from moment to moment by the gyroscope: steel in a building bends the rotation vector too;
+1. the rotation vector, which the phone's own filter computed from all sensors; with ``gyroscope_time_constant_s`` its
+   long-term mean alone, carried from moment to moment by the gyroscope: steel in a building bends the rotation vector
+   too;
 2. gyroscope and magnetometer: yaw integrated and slowly pulled to the compass;
 3. the magnetometer alone: the tilt-compensated compass, smoothed;
 4. the gyroscope alone: how it turned, but not where to.

@@ -84,7 +84,7 @@ def short_repr(value: object) -> str:
     return f"{value!r:.60}"
 
 
-DecodedT = TypeVar("T")
+DecodedT = TypeVar("DecodedT")
 
 _PATH_PATTERN: Final = re.compile(r"\.([^.\[\]]+)|\[(\d+|\.\.\.)\]")
 _EXPECTED_PATTERN: Final = re.compile(r"Expected (.+?)(?:, got (.+))?$")

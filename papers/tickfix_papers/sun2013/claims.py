@@ -253,7 +253,8 @@ def _smaller_error_claim(runs: Sequence[SeedRun], better: str, worse: str, why: 
         f"{better} has a smaller mean error than {worse}",
         paired_difference(b, a),
         paper=f"{PAPER_ERRORS[better][0]:.2f} m against {PAPER_ERRORS[worse][0]:.2f} m",
-        ours=f"{mean(a).text(2, 'm')} against {mean(b).text(2, 'm')}; difference {paired_difference(b, a).text(3, 'm')}",
+        ours=f"{mean(a).text(2, 'm')} against {mean(b).text(2, 'm')}; "
+        f"difference {paired_difference(b, a).text(3, 'm')}",
         above=0.0,
         why=why,
     )

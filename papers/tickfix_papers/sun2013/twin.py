@@ -67,7 +67,7 @@ TWIN_SETTINGS: Final = (
     TwinSetting(
         what="access points",
         value="9, of which 4 in the experimental area; −38 dBm at 1 m",
-        source=f"numbers {_SETUP_SOURCE}; places chosen, spread over rooms and corridors; power: the simulator's default",
+        source=f"numbers {_SETUP_SOURCE}; places chosen, spread over rooms and corridors; power: simulator's default",
     ),
     TwinSetting(
         what="reference points",

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
+
 from tickfix_papers.reproduction_report import Claim, SeedInterval
 from tickfix_papers.seed_statistics import decide_claim, exact_value, mean, paired_difference, percent_reduction
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+from tickfix.api import Fix, Scan
 from tickfix_papers.jiang2015.claims import METHODS, RATES, WIFI, WINDOWS, decided_claims, result_tables
 from tickfix_papers.jiang2015.seed_run import GIVEN_SIGMA_M, SeedRun, TrackErrors, with_given_fixes
 from tickfix_papers.jiang2015.twin import Twin, draw_twin, fingerprint_points, floor_plan, route
 from tickfix_papers.reproduction_report import Claim
-
-from tickfix.api import Fix, Scan
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from importlib import import_module
 
 import pytest
 from rich.console import Console
+
 from tickfix_papers.experiment import PAPERS, load_experiment
 from tickfix_papers.reproduction_report import PaperTable, Reproduction, TableCell, TwinSetting, render_reproduction
 from tickfix_papers.seed_statistics import decide_claim, exact_value, mean

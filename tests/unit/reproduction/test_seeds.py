@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 
 import numpy as np
-from tickfix_papers.experiment import run_over_seeds
 
 from tickfix.replay.process_pool import available_cores, parallel_map
+from tickfix_papers.experiment import run_over_seeds
 
 
 def test_the_number_of_processes_changes_nothing() -> None:

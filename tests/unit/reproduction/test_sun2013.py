@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.image import imread
-from tickfix_papers.sun2013 import twin
-from tickfix_papers.sun2013.claims import Operations, operation_counts
 
 from tickfix.simulation import walkable_grid
+from tickfix_papers.sun2013 import twin
+from tickfix_papers.sun2013.claims import Operations, operation_counts
 
 
 def test_the_operation_counts_are_those_of_table_3() -> None:

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
+from tickfix.api import TICK_NS, Context, MotionSamples
+from tickfix.registry import discover
+from tickfix.testing import world
+from tickfix_fingerprint.topology_knn import TopologyKnn, TopologyKnnParams
 from tickfix_papers.wang2015 import seed_run
 from tickfix_papers.wang2015.seed_run import (
     DISTURBED,
@@ -16,11 +21,6 @@ from tickfix_papers.wang2015.seed_run import (
     SeedRun,
     run_seed,
 )
-
-from tickfix.api import TICK_NS, Context, MotionSamples
-from tickfix.registry import discover
-from tickfix.testing import world
-from tickfix_fingerprint.topology_knn import TopologyKnn, TopologyKnnParams
 from tickfix_pdr.pseudo_odometry import PseudoOdometry, PseudoOdometryParams
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tickfix_papers.wang2015 import twin
-from tickfix_papers.wang2015.twin import FIX_S, Twin, draw_twin, stand_at_points
 
 from tickfix.api import TICK_NS, Context, Scan
 from tickfix_fingerprint.topology_knn import derive_topology
 from tickfix_maps.regions import Regions, RegionsParams
+from tickfix_papers.wang2015 import twin as twin_module
+from tickfix_papers.wang2015.twin import FIX_S, Twin, draw_twin, stand_at_points
 
 
 @pytest.fixture(scope="module")
@@ -18,16 +18,16 @@ def twin() -> Twin:
 
 
 def test_people_points_and_access_points_are_in_corridors_and_hall_and_no_room_is_free() -> None:
-    effective = Regions(RegionsParams(), Context(floor=twin.floor_plan()))
-    assert effective.contains(twin.reference_points()).all()
-    aps = np.array([ap.xy for ap in twin.access_points()])
+    effective = Regions(RegionsParams(), Context(floor=twin_module.floor_plan()))
+    assert effective.contains(twin_module.reference_points()).all()
+    aps = np.array([ap.xy for ap in twin_module.access_points()])
     assert len(aps) == 60
     assert effective.contains(aps).all()
     assert not effective.contains(np.array([[30.0, 3.0], [30.0, 28.0], [12.0, 15.0], [45.0, 15.0]])).any()
 
 
 def test_corridors_are_lines_of_points_and_the_hall_a_lattice() -> None:
-    xy = twin.reference_points()
+    xy = twin_module.reference_points()
     gsss = derive_topology(xy, np.zeros(len(xy), np.int64), 100.0).gsss
     hall = (np.abs(xy[:, 0] - 28.2) < 4.0) & (np.abs(xy[:, 1] - 15.7) < 6.5)
     assert hall.sum() == 12
@@ -38,8 +38,8 @@ def test_corridors_are_lines_of_points_and_the_hall_a_lattice() -> None:
 
 
 def test_about_ten_access_points_are_heard_at_a_reference_point() -> None:
-    building = twin.draw_building(np.random.default_rng(1))
-    points = twin.reference_points()
+    building = twin_module.draw_building(np.random.default_rng(1))
+    points = twin_module.reference_points()
     radio_map = stand_at_points(building, points, np.random.default_rng(2))
     assert len(radio_map) == len(points)
     assert 8.0 < len(radio_map.sample_point) / (8 * len(points)) < 12.0

@@ -31,14 +31,13 @@ from tickfix.replay.process_pool import parallel_map
 _NOT_HASHED: Final = (
     "cli/",
     "client/",
-    "evaluation/comparison/points.py",
-    "evaluation/comparison/pooled.py",
-    "evaluation/comparison/result.py",
+    "evaluation/comparison/comparison_result.py",
+    "evaluation/comparison/pooled_metrics.py",
+    "evaluation/paired_comparison.py",
+    "evaluation/paired_statistics.py",
     "evaluation/report/",
-    "evaluation/statistics/",
     "journal/",
     "ports/",
-    "reproduction/",
     "simulation/",
     "testing/",
     "wire/",
@@ -89,7 +88,7 @@ class Trial:
     """One walk with one seed, and what became of it.
 
     Attributes:
-        evaluation_site: name of the ground.
+        site: name of the evaluation site.
         walk: name of the recording.
         seed: of the random streams.
         sha256: of the file.
@@ -97,7 +96,7 @@ class Trial:
         outcomes: by pipeline, in the order of the configuration.
     """
 
-    evaluation_site: str
+    site: str
     walk: str
     seed: int
     sha256: str
@@ -201,7 +200,7 @@ def _run_trial(
     by_key = {keys[name]: outcome for name, outcome in found.items()}
     all_outcomes = {name: by_key[key] for name, key in keys.items()}
     return Trial(
-        evaluation_site=evaluation_site.name,
+        site=evaluation_site.name,
         walk=next(iter(all_outcomes.values())).walk,
         seed=seed,
         sha256=walk.sha256,

@@ -83,7 +83,8 @@ def walks_html(
     style = pipeline_styles(result)
     key = "".join(
         f'<span class="key"><svg width="34" height="8"><line x1="0" y1="4" x2="34" y2="4" stroke="{line.color}" '
-        f'stroke-width="{1.2 * line.width:g}" stroke-dasharray="{_svg_dashes(line.dashes)}"/></svg>{escape(name)}</span>'
+        f'stroke-width="{1.2 * line.width:g}" stroke-dasharray="{_svg_dashes(line.dashes)}"/></svg>'
+        f"{escape(name)}</span>"
         for name, line in style.items()
     )
     note = f"{len(drawn)} of {total} walks are drawn; --draw {total} draws all. " if len(drawn) < total else ""
@@ -180,8 +181,8 @@ def _summary_html(result: ComparisonResult, walks: int) -> str:
     samples, covered = len(result.samples[Scope.ALL]), len(result.samples[Scope.COVERED])
     text = (
         f"{walks} walks on {len(result.sites)} {'site' if len(result.sites) == 1 else 'sites'}, "
-        f"{len(seeds)} {'seed' if len(seeds) == 1 else 'seeds'}; {samples} errors at waypoints where every pipeline has "
-        f"an estimate, {covered} of them covered by the survey. Baseline: {result.baseline}."
+        f"{len(seeds)} {'seed' if len(seeds) == 1 else 'seeds'}; {samples} errors at waypoints where every pipeline "
+        f"has an estimate, {covered} of them covered by the survey. Baseline: {result.baseline}."
     )
     return f"<p>{escape(text)}</p>"
 
