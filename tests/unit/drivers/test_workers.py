@@ -15,7 +15,7 @@ SCRIPT = """
 from types import MappingProxyType
 import numpy as np
 from tickfix.api import ConfigError, TickfixError
-from tickfix.replay.process_pool import spread
+from tickfix.replay.process_pool import parallel_map
 
 offset = np.arange(3.0)
 
@@ -26,14 +26,14 @@ def work(n):
     array.flags.writeable = False
     return MappingProxyType({"array": array, "objects": np.array(["x", None], dtype=object), "n": n})
 
-one, two = (list(spread(work, range(20), processes=p)) for p in (1, 2))
+one, two = (list(parallel_map(work, range(20), processes=p)) for p in (1, 2))
 assert [a["n"] for a in two] == list(range(20))
 for a, b in zip(one, two):
     assert type(b) is MappingProxyType
     assert a["array"].tobytes() == b["array"].tobytes() and a["array"].dtype == b["array"].dtype
     assert not b["array"].flags.writeable
 try:
-    list(spread(work, [1, -5, 2], processes=2))
+    list(parallel_map(work, [1, -5, 2], processes=2))
 except TickfixError as error:
     print(error)
 """

@@ -131,7 +131,7 @@ def test_a_gross_error_of_the_odometer_moves_particles_at_once_or_not_before_the
     off = {}
     for how in ("motion", "ekf"):
         rng = np.random.default_rng(0)
-        mwpo = MapPf(MapPfParams(walk=how), MAPPED)  # type: ignore[arg-type]
+        mwpo = MapPf(MapPfParams(propagation=how), MAPPED)  # type: ignore[arg-type]
         off[how] = errors(mwpo, fold(mwpo, motions, fixes(places, rng), rng), places)[200]
     assert off["motion"] > 4.0
     assert off["ekf"] < 0.5 * off["motion"]
@@ -140,5 +140,5 @@ def test_a_gross_error_of_the_odometer_moves_particles_at_once_or_not_before_the
 def test_particles_that_walk_by_the_ekf_keep_up_with_a_steady_walk() -> None:
     motions, places = walk(60.0, north)
     rng = np.random.default_rng(0)
-    mwpo = MapPf(MapPfParams(walk="ekf"), MAPPED)
+    mwpo = MapPf(MapPfParams(propagation="ekf"), MAPPED)
     assert errors(mwpo, fold(mwpo, motions, fixes(places, rng), rng), places)[50:].mean() < 1.0

@@ -78,7 +78,7 @@ def test_ways_of_all_directions_weigh_one_on_average_and_those_along_walls_most(
 
 @pytest.mark.parametrize("sigma_rad", [0.05, 0.5])
 def test_weights_are_finite_at_both_ends_of_what_sigma_may_be(sigma_rad: float) -> None:
-    filtered = f'filter = {{ use = "fusion-pf", aligned_sigma_rad = {sigma_rad} }}'
+    filtered = f'filter = {{ use = "fusion-pf", alignment_sigma_rad = {sigma_rad} }}'
     assert config.parse_config(f'[pipelines.p]\npdr = "steps"\nfingerprint = "wknn"\n{filtered}', "test", discover())
     theta = np.linspace(0.0, 2.0 * math.pi, 720, endpoint=False)[None]
     motion = Motion(t0_ns=0, t1_ns=200_000_000, distance_m=0.3, heading_rad=0.0)
@@ -91,7 +91,7 @@ def test_weights_are_finite_at_both_ends_of_what_sigma_may_be(sigma_rad: float) 
 
 @pytest.mark.parametrize("sigma_rad", [0.01, 0.6])
 def test_other_sigmas_are_refused_by_name(sigma_rad: float) -> None:
-    text = f'[pipelines.p]\npdr = "steps"\nfilter = {{ use = "fusion-pf", aligned_sigma_rad = {sigma_rad} }}'
+    text = f'[pipelines.p]\npdr = "steps"\nfilter = {{ use = "fusion-pf", alignment_sigma_rad = {sigma_rad} }}'
     with pytest.raises(ConfigError, match="alignment_sigma_rad"):
         config.parse_config(text, "test", discover())
 

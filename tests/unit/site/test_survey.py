@@ -39,7 +39,7 @@ def test_each_sample_lies_on_the_polyline_at_the_time_it_was_heard(steps: list, 
     notes = site.notes
     assert notes.get("readings_kept", 0) == len(radio.sample_t_ns)
     assert len(once) == sum(
-        notes.get(f"readings {fate}", 0) for fate in ("kept", "before the first waypoint", "after the last waypoint")
+        notes.get(f"readings_{fate}", 0) for fate in ("kept", "before_first_waypoint", "after_last_waypoint")
     )
 
 

@@ -11,7 +11,7 @@ import sys
 # In processes of their own: forking belongs into a program with one thread, which a test runner is not.
 ENDS = """
 import json, os, signal, sys
-from tickfix.live.worker import Member
+from tickfix.live.worker import WorkerHandle
 from tickfix.live.protocol import WorkerError
 
 def echo(line, notices):
@@ -28,18 +28,18 @@ def fail():
     raise RuntimeError("on purpose")
 
 ends = {"abort": os.abort, "fail": fail, "kill": lambda: os.kill(os.getpid(), signal.SIGKILL)}
-members = [Member(0, echo)]
+members = [WorkerHandle(0, echo)]
 for work in ends.values():
-    members.append(Member(len(members), ending(work), tuple(members)))
+    members.append(WorkerHandle(len(members), ending(work), tuple(members)))
 told = {}
 for name, member in zip(ends, members[1:]):
-    member.ask(b"go")
+    member.submit(b"go")
     try:
-        member.answer()
+        member.response()
     except WorkerError as error:
         told[name] = [str(error).replace(str(member._pid), "N"), error.signal]
-members[0].ask(b"abc")
-assert members[0].answer() == b"cba"
+members[0].submit(b"abc")
+assert members[0].response() == b"cba"
 members[0].join()
 print(json.dumps(told))
 """
@@ -47,14 +47,14 @@ print(json.dumps(told))
 LEFT = """
 import os, sys
 from itertools import repeat
-from tickfix.live.worker import Member
+from tickfix.live.worker import WorkerHandle
 
 def hang(line, notices):
     notices.send_bytes(str(os.getpid()).encode())
     sum(repeat(0))  # lets no other thread of its process run
 
-member = Member(0, hang)
-print(member.notices.recv_bytes().decode(), flush=True)
+member = WorkerHandle(0, hang)
+print(member.completions.recv_bytes().decode(), flush=True)
 sys.stdin.read()
 """
 

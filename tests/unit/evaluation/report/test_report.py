@@ -160,7 +160,7 @@ def test_markdown_json_and_csv_say_the_same(folder: Path, result: ComparisonResu
         (mean,) = [
             row["value"]
             for row in csv.DictReader(file)
-            if (row["pipeline"], row["group"], row["figure"]) == ("B", "all", "mean_m")
+            if (row["pipeline"], row["group"], row["metric"]) == ("B", "all", "mean_m")
         ]
     assert float(mean) == result.metrics["B"]["all"]["mean_m"]
     with (folder / "comparisons.csv").open(encoding="utf-8") as file:
