@@ -135,6 +135,7 @@ def parameter(
     gt: float | None = None,
     le: float | None = None,
     lt: float | None = None,
+    formerly: str = "",
 ) -> msgspec.Meta:
     """Describe a field of ``Params`` inside ``Annotated``.
 
@@ -144,11 +145,14 @@ def parameter(
         source: the equation or section it comes from, as ``"[jiang2015] eq. (18)"``.
         trains: whether what ``train`` learns depends on it; such a model serves only the values it was trained with.
         ge, gt, le, lt: the allowed range.
+        formerly: the name it had in an earlier release. A file that still uses it is refused with the new name, so that
+            an old setting is never dropped silently.
     """
     bounds: dict[str, Any] = {
         name: bound for name, bound in (("ge", ge), ("gt", gt), ("le", le), ("lt", lt)) if bound is not None
     }
-    return msgspec.Meta(description=doc, extra={"unit": unit, "source": source, "trains": trains}, **bounds)
+    extra = {"unit": unit, "source": source, "trains": trains, "formerly": formerly}
+    return msgspec.Meta(description=doc, extra=extra, **bounds)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,8 +26,8 @@ class ConfigError(TickfixError):
         self.found = found
         self.expected = expected
 
-    def __reduce__(self) -> tuple[type[ConfigError], tuple[str, str, str]]:
-        """Say how to build it again, so that it can come back from another process."""
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[str, ...]]:
+        """Pickle by the constructor's arguments, so that a worker process can raise it in its parent."""
         return type(self), (self.where, self.found, self.expected)
 
 
@@ -41,7 +41,7 @@ class PluginError(TickfixError):
         self.fix = fix
 
     def __reduce__(self) -> tuple[type[PluginError], tuple[str, str, str]]:
-        """Say how to build it again, so that it can come back from another process."""
+        """Pickle by the constructor's arguments, so that a worker process can raise it in its parent."""
         return type(self), (self.plugin, self.problem, self.fix)
 
 

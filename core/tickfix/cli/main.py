@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Final
 
 import typer
 
@@ -20,6 +21,13 @@ from tickfix.cli.send import locate, send
 from tickfix.cli.serve import serve
 from tickfix.cli.survey import survey
 from tickfix.client import ClientError
+from tickfix.config import RenamedKeyError
+
+RENAMED_OPTIONS: Final = {
+    ("compare", "--spare"): "--holdout-share",
+    ("reproduce", "--choices"): "--twin-settings",
+}
+"""(subcommand, option of an earlier release) → its new name."""
 
 app = typer.Typer(
     name="tickfix",
@@ -60,9 +68,22 @@ def _root(
     """Follow people indoors: motion sensors and Wi-Fi scans in, a position every 200 ms out."""
 
 
+def refuse_renamed_options(arguments: Sequence[str]) -> None:
+    """Check the arguments of the command (without its own name) for options of an earlier release.
+
+    Raises:
+        RenamedKeyError: naming the old option and the new one.
+    """
+    for argument in arguments[1:]:
+        option = argument.partition("=")[0]
+        if new_name := RENAMED_OPTIONS.get((arguments[0], option)):
+            raise RenamedKeyError(f"{arguments[0]} {option}", new_name)
+
+
 def main() -> None:
-    """Run the command: what the user can mend is told in one line, and the exit code is 2."""
+    """Run the command; an error that the user can correct is printed as one line, with exit code 2."""
     try:
+        refuse_renamed_options(sys.argv[1:])
         app()
     except (TickfixError, ClientError, OSError) as error:
         sys.stderr.write(f"tickfix: {error}\n")

@@ -134,6 +134,7 @@ def _parameter_json(field: ParameterInfo) -> dict[str, Any]:
         "doc": field.doc,
         "source": field.source,
         "trains": field.trains,
+        "formerly": field.formerly,
     }
 
 
@@ -147,6 +148,8 @@ def _print_fields(console: Console, fields: tuple[ParameterInfo, ...]) -> None:
         learnt = f"{field.doc} *" if field.trains else field.doc
         table.add_row(field.name, _toml_value(field.default), field.unit, field.type, learnt, field.source)
     console.print(table)
+    if renamed := ", ".join(f"{field.name} (formerly {field.formerly})" for field in fields if field.formerly):
+        console.print(f"Renamed: {renamed}", soft_wrap=True)
     if any(field.trains for field in fields):
         console.print("* What is learnt from a survey depends on it: survey again, with --config, when it changes.")
 

@@ -4,7 +4,14 @@ An error says in which file, under which key, what was found and what is allowed
 """
 
 from tickfix.config.build import build_pipelines
-from tickfix.config.choices import AlgorithmChoice, Config, ParameterInfo, PipelineConfig, describe_parameters
+from tickfix.config.choices import (
+    AlgorithmChoice,
+    Config,
+    ParameterInfo,
+    PipelineConfig,
+    RenamedKeyError,
+    describe_parameters,
+)
 from tickfix.config.parse import STAGES, load_config, parse_config
 
 __all__ = [
@@ -13,6 +20,7 @@ __all__ = [
     "Config",
     "ParameterInfo",
     "PipelineConfig",
+    "RenamedKeyError",
     "build_pipelines",
     "describe_parameters",
     "load_config",

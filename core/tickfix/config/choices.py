@@ -1,5 +1,4 @@
-"""What a configuration says, checked: algorithms chosen, their parameters, pipelines made of them, and the
-settings of a run."""
+"""A parsed configuration: chosen algorithms with checked parameters, pipelines, and the settings of a run."""
 
 from __future__ import annotations
 
@@ -22,13 +21,13 @@ from tickfix.registry import Offer
 
 
 def one_of(names: list[str], found: str) -> str:
-    """Return ``one of a, b, c``, and the name that was meant if one is near to what was found."""
+    """Return ``one of a, b, c``, with a suggestion if one of the names is close to ``found``."""
     near = difflib.get_close_matches(found, names, 1)
     return f"one of {', '.join(names) or 'nothing'}" + (f" (did you mean {near[0]!r}?)" if near else "")
 
 
 def describe_type(hint: Any) -> str:
-    """Return what a type hint allows, bounds and choices too: ``integer ≥ 1``, ``one of 'a', 'b'``."""
+    """Return the values that a type hint allows, with bounds and choices: ``integer ≥ 1``, ``one of 'a', 'b'``."""
     if typing.get_origin(hint) is typing.Annotated:
         base, *metas = typing.get_args(hint)
         signs = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))
@@ -51,7 +50,11 @@ def describe_type(hint: Any) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ParameterInfo:
-    """A parameter, for people to read."""
+    """A parameter as help texts show it.
+
+    Attributes:
+        formerly: its name in an earlier release; empty if it was never renamed.
+    """
 
     name: str
     type: str
@@ -60,6 +63,7 @@ class ParameterInfo:
     unit: str
     source: str
     trains: bool
+    formerly: str
 
 
 def describe_parameters(cls: type[Any]) -> tuple[ParameterInfo, ...]:
@@ -68,8 +72,7 @@ def describe_parameters(cls: type[Any]) -> tuple[ParameterInfo, ...]:
     fields = []
     for each in dataclasses.fields(cls.Params):
         hint = hints[each.name]
-        metas = [m for m in getattr(hint, "__metadata__", ()) if isinstance(m, msgspec.Meta)]
-        meta = metas[0] if metas else msgspec.Meta()
+        meta = _field_meta(hint)
         extra = meta.extra or {}
         default = each.default_factory() if each.default_factory is not dataclasses.MISSING else each.default
         fields.append(
@@ -81,12 +84,46 @@ def describe_parameters(cls: type[Any]) -> tuple[ParameterInfo, ...]:
                 extra.get("unit", ""),
                 extra.get("source", ""),
                 extra.get("trains", False),
+                extra.get("formerly", ""),
             )
         )
     return tuple(fields)
 
 
-def check_keys(where: str, owner: str, table: Mapping[str, Any], known: Iterable[str]) -> None:
+def former_names(hints: Mapping[str, Any]) -> dict[str, str]:
+    """Return old name → new name of the fields that were renamed.
+
+    Args:
+        hints: the type hints of a dataclass with their extras; a renamed field carries ``parameter(formerly=…)``.
+    """
+    formerly = {name: (_field_meta(hint).extra or {}).get("formerly", "") for name, hint in hints.items()}
+    return {old: name for name, old in formerly.items() if old}
+
+
+def _field_meta(hint: Any) -> msgspec.Meta:
+    return next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, msgspec.Meta)), msgspec.Meta())
+
+
+class RenamedKeyError(ConfigError):
+    """A key that an earlier release had under another name.
+
+    Args:
+        where: file and old key, such as ``mine.toml: pipelines.b.filter.own_ways``.
+        new_name: the key that replaces it.
+    """
+
+    def __init__(self, where: str, new_name: str) -> None:
+        super().__init__(where, "a renamed key", new_name)
+        self.args = (f"{where}: renamed, use {new_name}",)
+
+    def __reduce__(self) -> tuple[type[RenamedKeyError], tuple[str, str]]:
+        """Pickle by the constructor's arguments, so that a worker process can raise it in its parent."""
+        return type(self), (self.where, self.expected)
+
+
+def check_keys(
+    where: str, owner: str, table: Mapping[str, Any], known: Iterable[str], renamed: Mapping[str, str] | None = None
+) -> None:
     """Refuse keys that are not known.
 
     Args:
@@ -94,21 +131,23 @@ def check_keys(where: str, owner: str, table: Mapping[str, Any], known: Iterable
         owner: whose keys they are, for errors; may be empty.
         table: as it stands in the file.
         known: the keys there are.
+        renamed: old name → new name of keys that an earlier release had.
 
     Raises:
-        ConfigError: naming the first unknown key and the known one nearest to it.
+        ConfigError: naming the first unknown key, and its new name or the known one nearest to it.
     """
     names = list(known)
     for key in table:
         if key not in names:
+            at = f"{where}{'.' if ': ' in where else ': '}{key}"
+            if renamed and key in renamed:
+                raise RenamedKeyError(at, renamed[key])
             whose = f" of {owner}" if owner else ""
-            raise ConfigError(
-                f"{where}{'.' if ': ' in where else ': '}{key}", f"an unknown key{whose}", one_of(names, key)
-            )
+            raise ConfigError(at, f"an unknown key{whose}", one_of(names, key))
 
 
 def convert_value(where: str, value: Any, kind: type[Any]) -> Any:
-    """Return a value of the file as the type that is asked for; a text becomes a path where that is a path.
+    """Return a value of the file converted to ``kind``; a string becomes a path where ``kind`` is a path.
 
     Raises:
         ConfigError: naming the value found and what is allowed.
@@ -120,7 +159,7 @@ def convert_value(where: str, value: Any, kind: type[Any]) -> Any:
 
 
 def _path_dec_hook(kind: type[Any], value: Any) -> Path:
-    """Convert what msgspec knows nothing of: paths are texts."""
+    """Convert a type that msgspec does not know: a path is written as a string."""
     if kind is not Path or not isinstance(value, str):
         raise msgspec.ValidationError
     return Path(value)
@@ -131,7 +170,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class AlgorithmChoice:
-    """An algorithm that a pipeline chose, with its parameters checked."""
+    """An algorithm of a pipeline, with its parameters checked."""
 
     offer: Offer
     params: Any
@@ -139,12 +178,12 @@ class AlgorithmChoice:
 
     @property
     def key(self) -> str:
-        """Equal for choices that compute the same."""
+        """Equal for choices that compute the same results."""
         return f"{self.offer.label} {json.dumps(msgspec.to_builtins(self.params), sort_keys=True)}"
 
     @property
     def model(self) -> str:
-        """Name of the model trained for it: parameters that training does not depend on do not matter."""
+        """Name of the model trained for it: a hash over the parameters that are marked ``trains=True`` only."""
         trains = {
             field.name: getattr(self.params, field.name)
             for field in describe_parameters(self.offer.cls)
@@ -159,6 +198,8 @@ class PipelineConfig:
     """A named choice of stages.
 
     Attributes:
+        name: unique in a configuration; pipelines of a sweep have the swept values in brackets.
+        filter, pdr, fingerprint, map: the chosen algorithms; None for a stage that the pipeline leaves out.
         table: the name in the file, which several pipelines of a sweep share.
         swept: the parameters that vary within a sweep, with this pipeline's values.
     """
@@ -173,20 +214,21 @@ class PipelineConfig:
 
     @property
     def choices(self) -> tuple[AlgorithmChoice, ...]:
-        """The stages that are there."""
+        """The stages that the pipeline has, in the order in which they run."""
         return tuple(c for c in (self.pdr, self.fingerprint, self.filter, self.map) if c is not None)
 
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """Everything a configuration file says.
+    """The contents of a configuration file, checked.
 
     Attributes:
         kernel: settings of every run.
         pipelines: in the order of the file.
-        sections: tables that belong to rooms above, as they stand there; see :meth:`section`.
+        sections: tables that higher layers interpret (``[live]``, ``[ports]``, ``[journal]``), unchecked; see
+            :meth:`section`.
         where: names the file in errors.
-        text: the file, so that a run can say what it ran.
+        text: the file's text, kept for the manifest of a run.
     """
 
     kernel: KernelSettings
@@ -196,7 +238,7 @@ class Config:
     text: str = ""
 
     def section(self, name: str, cls: type[T]) -> T:
-        """Return the settings of the table ``[name]``; ``cls`` is a dataclass whose defaults stand where it is silent.
+        """Return the settings of the table ``[name]`` as ``cls``, a dataclass; missing keys take its defaults.
 
         Raises:
             ConfigError: naming file, key, value found and what is allowed.
@@ -205,7 +247,7 @@ class Config:
         if not isinstance(table, dict):
             raise ConfigError(where, repr(table), f"a table [{name}]")
         hints = typing.get_type_hints(cls, include_extras=True)
-        check_keys(where, "", table, list(hints))
+        check_keys(where, "", table, list(hints), former_names(hints))
         values = {key: convert_value(f"{where}.{key}", value, hints[key]) for key, value in table.items()}
         return cls(**values)
 

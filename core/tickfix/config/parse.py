@@ -35,6 +35,7 @@ from tickfix.config.choices import (
     check_keys,
     convert_value,
     describe_parameters,
+    former_names,
     one_of,
 )
 from tickfix.kernel import KernelSettings
@@ -218,8 +219,8 @@ def _parse_choice(where: str, kind: str, table: Any, registry: Registry) -> Algo
 
 def _parse_params(where: str, cls: type[Any], given: Mapping[str, Any]) -> Any:
     fields = {field.name: field for field in describe_parameters(cls)}
-    check_keys(where, f"{cls.kind} '{cls.name}'", given, list(fields))
     hints = typing.get_type_hints(cls.Params, include_extras=True)
+    check_keys(where, f"{cls.kind} '{cls.name}'", given, list(fields), former_names(hints))
     values = {}
     for key, value in given.items():
         try:

@@ -20,9 +20,15 @@ from tickfix.api import Fix, parameter
 class FixErrorParams:
     """Parameters of the model, shared by the filters that use fixes."""
 
-    correlation_time_s: Annotated[float, parameter("time over which errors of fixes are alike", unit="s", gt=0)] = 5.0
-    error_correlation: Annotated[float, parameter("share of the error's variance that has a memory", ge=0, lt=1)] = 0.8
-    student_t_dof: Annotated[float, parameter("degrees of freedom ν of Student's t for the errors", gt=0)] = 4.0
+    correlation_time_s: Annotated[
+        float, parameter("time over which errors of fixes are alike", unit="s", gt=0, formerly="correlation_s")
+    ] = 5.0
+    error_correlation: Annotated[
+        float, parameter("share of the error's variance that has a memory", ge=0, lt=1, formerly="remembered")
+    ] = 0.8
+    student_t_dof: Annotated[
+        float, parameter("degrees of freedom ν of Student's t for the errors", gt=0, formerly="freedom")
+    ] = 4.0
 
     def correlation(self, fix: Fix, previous_ns: int) -> float:
         """Return ρ between the errors of ``fix`` and of the one at ``previous_ns``."""

@@ -169,7 +169,7 @@ class StepErrorParams:
     heading_sigma_rad: Annotated[float, parameter("error of a single step's direction", unit="rad", ge=0)] = 0.1
     heading_bias_sigma_rad: Annotated[float, parameter("error that stays for the walk", unit="rad", ge=0)] = 0.26
     heading_bias_random_walk_rad: Annotated[
-        float, parameter("by which that error changes with a step", unit="rad", ge=0)
+        float, parameter("by which that error changes with a step", unit="rad", ge=0, formerly="bias_walk_rad")
     ] = 0.05
 
 

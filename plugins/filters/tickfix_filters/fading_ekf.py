@@ -94,13 +94,15 @@ class FadingParams:
     reject_go_and_back: Annotated[
         bool, parameter("drop a fix that fails the δS test; otherwise it counts, with λ = 1", source="[wang2015] 4.3")
     ] = False
-    max_rejected_fixes: Annotated[int, parameter("after so many fixes dropped in a row the next one counts", ge=1)] = 5
+    max_rejected_fixes: Annotated[
+        int, parameter("after so many fixes dropped in a row the next one counts", ge=1, formerly="patience")
+    ] = 5
     fading: Annotated[
         FadingMethod,
         parameter("λ: tr N / tr M of the place, tr(N·M⁺)/rank M, or 1", source="[wang2015] eq. (19)"),
     ] = "trace"
     forgetting_factor: Annotated[
-        float, parameter("ρ of the residuals' covariance", source="[zhou1996]", ge=0, le=1)
+        float, parameter("ρ of the residuals' covariance", source="[zhou1996]", ge=0, le=1, formerly="memory")
     ] = 0.95
     acceleration_mps2: Annotated[
         float, parameter("σ of W, north and east", unit="m/s²", source="[wang2015] eq. (9)", gt=0)
@@ -110,9 +112,9 @@ class FadingParams:
     ] = 0.5
     heading_sigma_rad: Annotated[float, parameter("σ of the heading", unit="rad", gt=0)] = 0.3
     fix_sigma_m: Annotated[float, parameter("σ of N_wifi and of E_wifi; 0: as the fix says", unit="m", ge=0)] = 0.0
-    min_heading_speed_mps: Annotated[float, parameter("slower than this the heading is left out", unit="m/s", gt=0)] = (
-        0.3
-    )
+    min_heading_speed_mps: Annotated[
+        float, parameter("slower than this the heading is left out", unit="m/s", gt=0, formerly="crawl_mps")
+    ] = 0.3
     speed_sigma_mps: Annotated[float, parameter("σ of the first v_n and v_e", unit="m/s", ge=0)] = 1.0
 
 

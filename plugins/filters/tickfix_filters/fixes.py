@@ -22,7 +22,9 @@ class FixesParams:
     speed_mps: Annotated[
         float, parameter("walking speed, by which the uncertainty grows between fixes", unit="m/s", ge=0)
     ] = 1.3
-    map_matching: Annotated[bool, parameter("the map corrects each fix", source="[sun2013] figure 1")] = False
+    map_matching: Annotated[
+        bool, parameter("the map corrects each fix", source="[sun2013] figure 1", formerly="matched")
+    ] = False
 
 
 @dataclass(frozen=True, slots=True)

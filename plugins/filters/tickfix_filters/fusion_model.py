@@ -37,7 +37,10 @@ class FusionPfParams(FixErrorParams):
         ),
     ] = 0.1
     use_motion_noise: Annotated[
-        bool, parameter("particles walk within what motion says of its errors; else all alike, eq. (16)")
+        bool,
+        parameter(
+            "particles walk within what motion says of its errors; else all alike, eq. (16)", formerly="own_ways"
+        ),
     ] = True
     fix_sigma_m: Annotated[
         float,
@@ -47,7 +50,10 @@ class FusionPfParams(FixErrorParams):
     ] = 0.0
     weight_without_fix: Annotated[
         Literal["nothing", "motion"],
-        parameter("what weighs particles in a tick without a fix: motion, the place it leads to; or nothing"),
+        parameter(
+            "what weighs particles in a tick without a fix: motion, the place it leads to; or nothing",
+            formerly="without_fix",
+        ),
     ] = "nothing"
     resampling: Annotated[
         Literal["systematic", "multinomial"], parameter("how particles are drawn; multinomial: with replacement, SIR")
@@ -65,25 +71,49 @@ class FusionPfParams(FixErrorParams):
             source="[borenstein2010]",
             ge=0,
             lt=1,
+            formerly="aligned",
         ),
     ] = 0.6
     alignment_sigma_rad: Annotated[
-        float, parameter("σ of their direction", unit="rad", source="[borenstein2010]", ge=0.05, le=0.5)
+        float,
+        parameter(
+            "σ of their direction", unit="rad", source="[borenstein2010]", ge=0.05, le=0.5, formerly="aligned_sigma_rad"
+        ),
     ] = 0.15
     alignment_length_m: Annotated[
-        float, parameter("a way this long is one piece of evidence: shorter ones repeat it", unit="m", gt=0)
+        float,
+        parameter(
+            "a way this long is one piece of evidence: shorter ones repeat it", unit="m", gt=0, formerly="aligned_m"
+        ),
     ] = 12.0
     injection_rate: Annotated[
-        float, parameter("share of the particles that begin anew at a good fix", source="[lenser2000]", ge=0, lt=1)
+        float,
+        parameter(
+            "share of the particles that begin anew at a good fix",
+            source="[lenser2000]",
+            ge=0,
+            lt=1,
+            formerly="renewed",
+        ),
     ] = 0.03
     injection_rate_lost: Annotated[
-        float, parameter("the same while fixes and particles contradict each other", ge=0, lt=1)
+        float,
+        parameter("the same while fixes and particles contradict each other", ge=0, lt=1, formerly="renewed_lost"),
     ] = 0.25
     injection_sigma_m: Annotated[
-        float, parameter("a fix with this σ is good; at a poorer one fewer begin anew", unit="m", gt=0)
+        float,
+        parameter(
+            "a fix with this σ is good; at a poorer one fewer begin anew", unit="m", gt=0, formerly="renewed_sigma_m"
+        ),
     ] = 4.0
     initial_sigma_m: Annotated[
-        float, parameter("particles begin within no more than this σ around a fix, however poor", unit="m", gt=0)
+        float,
+        parameter(
+            "particles begin within no more than this σ around a fix, however poor",
+            unit="m",
+            gt=0,
+            formerly="scatter_m",
+        ),
     ] = 12.0
     reference_sigma_m: Annotated[
         float,
@@ -91,20 +121,28 @@ class FusionPfParams(FixErrorParams):
             "fixes have this σ where a survey came; poorer ones let walls, and their own distance, count for less",
             unit="m",
             gt=0,
+            formerly="surveyed_m",
         ),
     ] = 5.0
     reset_distance_m: Annotated[
         float,
         parameter(
-            "all particles begin anew once fixes lie this far off their mean, one way, for some scans", unit="m", gt=0
+            "all particles begin anew once fixes lie this far off their mean, one way, for some scans",
+            unit="m",
+            gt=0,
+            formerly="astray_m",
         ),
     ] = 15.0
-    ess_threshold: Annotated[float, parameter("effective share of particles that calls for resampling", gt=0, le=1)] = (
-        0.5
-    )
+    ess_threshold: Annotated[
+        float,
+        parameter("effective share of particles that calls for resampling", gt=0, le=1, formerly="resample_below"),
+    ] = 0.5
     point_estimate: Annotated[
         Literal["median", "mean"],
-        parameter("the position told: spatial median, which errs least on average, or mean, which errs least squared"),
+        parameter(
+            "the position told: spatial median, which errs least on average, or mean, which errs least squared",
+            formerly="centre",
+        ),
     ] = "median"
 
     def __post_init__(self) -> None:

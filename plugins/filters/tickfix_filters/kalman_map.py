@@ -49,7 +49,10 @@ class KalmanMapParams:
     ] = 0.0
     speed_sigma_mps: Annotated[float, parameter("σ of the first v_x and v_y", unit="m/s", ge=0)] = 1.0
     max_extrapolation_s: Annotated[
-        float, parameter("between fixes, the place told moves on for at most this long", unit="s", ge=0)
+        float,
+        parameter(
+            "between fixes, the place told moves on for at most this long", unit="s", ge=0, formerly="extrapolated_s"
+        ),
     ] = 10.0
 
 

@@ -39,7 +39,9 @@ class KalmanReckoningParams:
     acceleration_mps2: Annotated[
         float, parameter("σ of a_x and of a_y", unit="m/s²", source="[sun2013] eq. (16)", gt=0)
     ] = 0.5
-    position_sigma_m: Annotated[float, parameter("σ of a reckoned place, per axis", unit="m", gt=0)] = 0.5
+    position_sigma_m: Annotated[
+        float, parameter("σ of a reckoned place, per axis", unit="m", gt=0, formerly="place_sigma_m")
+    ] = 0.5
     speed_sigma_mps: Annotated[float, parameter("σ of the first v_x and v_y", unit="m/s", ge=0)] = 1.0
 
 

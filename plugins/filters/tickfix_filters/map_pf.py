@@ -61,16 +61,25 @@ class MapPfParams(FadingParams):
     diffusion_m: Annotated[
         float, parameter("way per square root of a second that no step explains", unit="m/√s", gt=0)
     ] = 0.4
-    jitter_sigma_m: Annotated[float, parameter("σ by which what was drawn is scattered", unit="m", gt=0)] = 0.3
+    jitter_sigma_m: Annotated[
+        float, parameter("σ by which what was drawn is scattered", unit="m", gt=0, formerly="scatter_m")
+    ] = 0.3
     propagation: Annotated[
         Literal["motion", "ekf"],
-        parameter("by what particles walk: measured motion, or the EKF's velocity", source="[wang2015] 5.1, step 2"),
+        parameter(
+            "by what particles walk: measured motion, or the EKF's velocity",
+            source="[wang2015] 5.1, step 2",
+            formerly="walk",
+        ),
     ] = "motion"
     walls: Annotated[bool, parameter("a particle that passes a wall has left the effective region")] = True
     reset_distance_m: Annotated[
-        float, parameter("particles this far from the EKF's place are locked out", unit="m", gt=0)
+        float,
+        parameter("particles this far from the EKF's place are locked out", unit="m", gt=0, formerly="locked_out_m"),
     ] = 4.0
-    reset_after_fixes: Annotated[int, parameter("… when they are for so many fixes in a row", ge=1)] = 3
+    reset_after_fixes: Annotated[
+        int, parameter("… when they are for so many fixes in a row", ge=1, formerly="locked_out_fixes")
+    ] = 3
 
 
 @dataclass(frozen=True, slots=True)

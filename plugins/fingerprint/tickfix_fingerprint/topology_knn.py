@@ -122,7 +122,11 @@ class TopologyKnnParams(SurveyedParams):
     square_centre_tolerance: Annotated[
         float,
         parameter(
-            "so near its centre, in spacings, all four of a square count", source="[wang2015] 2.2", ge=0, trains=True
+            "so near its centre, in spacings, all four of a square count",
+            source="[wang2015] 2.2",
+            ge=0,
+            trains=True,
+            formerly="centre",
         ),
     ] = 0.25
 

@@ -104,10 +104,18 @@ class ImageParams:
         float, parameter("T_threshold: grey from which on a drawing is light", source="[sun2013] eq. (7)", ge=0, le=1)
     ] = 0.55
     min_passage_width_m: Annotated[
-        float, parameter("walkways that nobody drew lie between walls at least this far apart", unit="m", gt=0)
+        float,
+        parameter(
+            "walkways that nobody drew lie between walls at least this far apart", unit="m", gt=0, formerly="passage_m"
+        ),
     ] = 0.6
     snap_across_walls: Annotated[
-        bool, parameter("a correction may lie behind a wall, as printed", source="[sun2013] figure 1, step 5")
+        bool,
+        parameter(
+            "a correction may lie behind a wall, as printed",
+            source="[sun2013] figure 1, step 5",
+            formerly="beyond_walls",
+        ),
     ] = False
     plan: Annotated[
         str, parameter("drawing of the floor, structure dark; {floor} stands for its name", source="[sun2013] eq. (7)")

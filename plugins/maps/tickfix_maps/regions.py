@@ -28,7 +28,8 @@ class RegionsParams(WallsParams):
         float, parameter("greatest extent of a sub-region", unit="m", source="[wang2015] 2.1", gt=0)
     ] = 20.0
     min_area_m2: Annotated[
-        float, parameter("smaller pieces, such as niches between two walls, are none", unit="m²", ge=0)
+        float,
+        parameter("smaller pieces, such as niches between two walls, are none", unit="m²", ge=0, formerly="least_m2"),
     ] = 1.0
 
 

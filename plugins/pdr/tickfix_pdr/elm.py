@@ -82,7 +82,10 @@ class ElmParams:
         float, parameter("regularisation per sample", source="[jiang2015] eq. (10)", gt=0, trains=True)
     ] = 1e-3
     stationary_threshold_mps2: Annotated[
-        float, parameter("a phone that shakes less is at rest; 0: as the network says", unit="m/s²", ge=0)
+        float,
+        parameter(
+            "a phone that shakes less is at rest; 0: as the network says", unit="m/s²", ge=0, formerly="still_mps2"
+        ),
     ] = 0.15
 
     def __post_init__(self) -> None:

@@ -17,19 +17,24 @@ class GaitParams(StepErrorParams):
     """Parameters of ``gait``."""
 
     step_length_m: Annotated[
-        float, parameter("the default step length; not printed", unit="m", source="[jiang2015] section 5", gt=0)
+        float,
+        parameter(
+            "the default step length; not printed", unit="m", source="[jiang2015] section 5", gt=0, formerly="step_m"
+        ),
     ] = 0.7
     low_pass_hz: Annotated[float, parameter("corner of the smoothing", unit="Hz", gt=0, trains=True)] = 2.0
     threshold: Annotated[
         float, parameter("least height of a peak of the acceleration", unit="m/s²", gt=0, trains=True)
     ] = 0.4
-    min_step_interval_s: Annotated[float, parameter("least time between steps", unit="s", gt=0, trains=True)] = 0.3
+    min_step_interval_s: Annotated[
+        float, parameter("least time between steps", unit="s", gt=0, trains=True, formerly="shortest_s")
+    ] = 0.3
     length_sigma: Annotated[float, parameter("relative error of a single step's length", ge=0)] = 0.15
     scale_sigma: Annotated[float, parameter("relative error that stays for the walk", ge=0)] = 0.15
     heading_sigma_rad: Annotated[float, parameter("error of a single step's direction", unit="rad", ge=0)] = 0.13
-    stationary_after_s: Annotated[float, parameter("without a step for so long, the phone stands", unit="s", gt=0)] = (
-        2.0
-    )
+    stationary_after_s: Annotated[
+        float, parameter("without a step for so long, the phone stands", unit="s", gt=0, formerly="standing_s")
+    ] = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,13 +183,19 @@ class MultiThresholdParams(StepErrorParams):
         parameter("δ_ap = |δ_av|: least height of a peak", unit="m/s²", source="eqs. (3)–(6)", gt=0, trains=True),
     ] = 0.3
     min_peak_interval_s: Annotated[
-        float, parameter("δ(Δt_p): least time between peaks", unit="s", source="section 3.1", gt=0, trains=True)
+        float,
+        parameter(
+            "δ(Δt_p): least time between peaks", unit="s", source="section 3.1", gt=0, trains=True, formerly="between_s"
+        ),
     ] = 0.2
     low_pass_hz: Annotated[
         float, parameter("corner of the smoothing; 0: the raw acceleration", unit="Hz", ge=0, trains=True)
     ] = 3.0
     stationary_after_s: Annotated[
-        float, parameter("without such a peak for so long, the person stands", unit="s", gt=0, trains=True)
+        float,
+        parameter(
+            "without such a peak for so long, the person stands", unit="s", gt=0, trains=True, formerly="standing_s"
+        ),
     ] = 1.5
     length_factor: Annotated[float, parameter("K of the step length", source="eq. (7)", gt=0, trains=True)] = 0.46
     alpha: Annotated[float, parameter("α: weight of the heading before", source="eq. (8)", gt=0, trains=True)] = 2.0

@@ -20,7 +20,9 @@ class StepsParams(StepErrorParams):
     threshold: Annotated[
         float, parameter("least height of a peak of the acceleration", unit="m/s²", gt=0, trains=True)
     ] = 0.4
-    min_step_interval_s: Annotated[float, parameter("least time between steps", unit="s", gt=0, trains=True)] = 0.3
+    min_step_interval_s: Annotated[
+        float, parameter("least time between steps", unit="s", gt=0, trains=True, formerly="shortest_s")
+    ] = 0.3
     length_factor: Annotated[
         float,
         parameter("K in step length = K·⁴√(fall of the acceleration)", source="[weinberg2002]", gt=0, trains=True),
@@ -34,17 +36,21 @@ class StepsParams(StepErrorParams):
             unit="s",
             ge=0,
             trains=True,
+            formerly="gyroscope_s",
         ),
     ] = 40.0
     gyroscope_bias_random_walk_rad: Annotated[
         float,
         parameter(
-            "by which the error of the heading changes with a step where a gyroscope carries it", unit="rad", ge=0
+            "by which the error of the heading changes with a step where a gyroscope carries it",
+            unit="rad",
+            ge=0,
+            formerly="gyroscope_walk_rad",
         ),
     ] = 0.02
-    stationary_after_s: Annotated[float, parameter("without a step for so long, the phone stands", unit="s", gt=0)] = (
-        2.0
-    )
+    stationary_after_s: Annotated[
+        float, parameter("without a step for so long, the phone stands", unit="s", gt=0, formerly="standing_s")
+    ] = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,33 @@
+"""Options of an earlier release are refused with the new name, and the new one exists."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+import typer
+
+from tickfix.cli.main import RENAMED_OPTIONS, app, main
+
+
+@pytest.mark.parametrize(("subcommand", "old"), RENAMED_OPTIONS)
+@pytest.mark.parametrize("value", [[], ["x"]], ids=["=x", "x"])
+def test_an_old_option_is_refused_with_the_new_name(
+    subcommand: str, old: str, value: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [subcommand, "F1.site", *([old, *value] if value else [f"{old}=x"])]
+    monkeypatch.setattr(sys, "argv", ["tickfix", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    new = RENAMED_OPTIONS[subcommand, old]
+    assert capsys.readouterr().err == f"tickfix: {subcommand} {old}: renamed, use {new}\n"
+
+
+@pytest.mark.parametrize(("subcommand", "old"), RENAMED_OPTIONS)
+def test_the_new_option_exists_and_the_old_one_does_not(subcommand: str, old: str) -> None:
+    (command,) = [c for c in app.registered_commands if c.callback is not None and c.callback.__name__ == subcommand]
+    group = typer.main.get_command_from_info(command, pretty_exceptions_short=True, rich_markup_mode=None)
+    options = {option for parameter in group.params for option in parameter.opts}
+    assert RENAMED_OPTIONS[subcommand, old] in options
+    assert old not in options
