@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 import zmq
 
-from tickfix.kernel import MessageOutcome
 from tickfix.ports import ControlCommand, Hub, InboundMessage, PortAddresses, PortSettings
 from tickfix.ports.authentication import KeyPair, create_key_pair, read_key_pair
+from tickfix.wire import ReplyOutcome
 
 PATIENCE_MS = 30_000
 """How long a test waits for what must come; nothing here waits for time to pass."""
@@ -37,7 +37,7 @@ class Loop:
     """A loop that accepts whatever comes, until it is held."""
 
     hub: Hub
-    outcome: Callable[[InboundMessage], MessageOutcome] = lambda _: MessageOutcome.ACCEPTED
+    outcome: Callable[[InboundMessage], ReplyOutcome] = lambda _: ReplyOutcome.ACCEPTED
     taken: list[InboundMessage] = field(default_factory=list)
     orders: list[ControlCommand] = field(default_factory=list)
     ended: threading.Event = field(default_factory=threading.Event)

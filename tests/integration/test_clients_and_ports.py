@@ -17,12 +17,11 @@ from ports_lab import PATIENCE_MS, Loop, all_done, allow, free_ports, make_keys
 
 from tickfix.api import Belief, Estimate, Status
 from tickfix.client import AccessDeniedError, Control, Keys, Listener, RequestRefusedError, RequestTimeoutError, Sensor
-from tickfix.kernel import MessageOutcome
 from tickfix.kernel.deduplication import SequenceWindow
 from tickfix.ports import Hub
 from tickfix.ports.port_settings import Clock, PeerLimits
 from tickfix.ports.publishers import Publication
-from tickfix.wire import CONTROL_REQUESTS, Hello, encode_estimate
+from tickfix.wire import CONTROL_REQUESTS, Hello, ReplyOutcome, encode_estimate
 
 PATIENCE_S = PATIENCE_MS / 1000
 NODE = shutil.which("node")
@@ -44,11 +43,11 @@ class Engine:
 
     def _outcome(self, incoming):
         if isinstance(incoming.event, Hello):
-            return MessageOutcome.ACCEPTED
+            return ReplyOutcome.ACCEPTED
         if not self.seen.is_new(incoming.event.seq):
-            return MessageOutcome.DUPLICATE
+            return ReplyOutcome.DUPLICATE
         self.counted.append(incoming.event.seq)
-        return MessageOutcome.ACCEPTED
+        return ReplyOutcome.ACCEPTED
 
     def close(self):
         self.loop.ended.set()

@@ -14,10 +14,9 @@ from ports_lab import PATIENCE_MS, Client, Loop, all_done, free_ports, message, 
 
 from tickfix.api import MotionSamples, Pressure
 from tickfix.api.errors import PortError
-from tickfix.kernel import MessageOutcome
 from tickfix.ports import Hub, PeerLimits, PortSettings, Publication
 from tickfix.ports.port_settings import Clock
-from tickfix.wire import Hello, MessageLimits
+from tickfix.wire import Hello, MessageLimits, ReplyOutcome
 
 Open = Callable[..., Hub]
 Connect = Callable[..., Client]
@@ -103,7 +102,7 @@ def test_a_dealer_is_welcomed_and_its_messages_are_acknowledged(open_hub: Open, 
     phone.tell("hello", device="p", session="s", seq=1)
     (hello,) = take(hub, 1)
     assert isinstance(hello.event, Hello)
-    hub.answer(hello, MessageOutcome.ACCEPTED)
+    hub.answer(hello, ReplyOutcome.ACCEPTED)
     welcome = phone.hear()
     assert (welcome["type"], welcome["run"], welcome["site"]) == ("welcome", "run-1", "office")
     assert welcome["limits"]["message_bytes"] == MessageLimits().message_bytes
@@ -115,8 +114,8 @@ def test_a_dealer_is_welcomed_and_its_messages_are_acknowledged(open_hub: Open, 
     assert (asked.wants_ack, silent.wants_ack) == (True, False)
     assert asked.event.arrival_ns <= silent.event.arrival_ns
     assert asked.received_ns <= silent.received_ns
-    hub.answer(silent, MessageOutcome.ACCEPTED)
-    hub.answer(asked, MessageOutcome.LATE, "two ticks")
+    hub.answer(silent, ReplyOutcome.ACCEPTED)
+    hub.answer(asked, ReplyOutcome.LATE, "two ticks")
     assert phone.hear() == {
         "type": "ack", "v": 1, "device": "p", "session": "s", "seq": 2, "outcome": "late", "detail": "two ticks",
     }  # fmt: skip
@@ -129,16 +128,16 @@ def test_a_message_is_answered_once_however_often_the_loop_says_so(open_hub: Ope
     phone.send(pressure(ack=True, seq=1))
     phone.send(pressure(ack=True, seq=2))
     first, second = take(hub, 2)
-    hub.answer(first, MessageOutcome.ACCEPTED)
-    hub.answer(first, MessageOutcome.STALE)
-    hub.answer(second, MessageOutcome.STALE)
+    hub.answer(first, ReplyOutcome.ACCEPTED)
+    hub.answer(first, ReplyOutcome.STALE)
+    hub.answer(second, ReplyOutcome.STALE)
     assert [(phone.hear()["seq"], phone.hear()["seq"])] == [(1, 2)]
     assert books(hub) == {"accepted": 1, "stale": 1}
 
 
 def test_req_always_gets_exactly_one_answer(open_hub: Open, connect: Connect, run_loop: Callable[..., Loop]) -> None:
     hub = open_hub(peer=PeerLimits(messages_per_s=0.001, message_burst=8))
-    run_loop(hub, outcome=lambda item: MessageOutcome.BUSY if item.event.seq == 9 else MessageOutcome.ACCEPTED)
+    run_loop(hub, outcome=lambda item: ReplyOutcome.BUSY if item.event.seq == 9 else ReplyOutcome.ACCEPTED)
     phone = connect(zmq.REQ, hub.addresses.sensors)
     answers = []
     for body in (
@@ -182,7 +181,7 @@ def test_messages_of_odd_frames_are_malformed_and_what_follows_is_understood(
     phone.send(*frames)
     assert phone.hear()["outcome"] == "malformed"
     phone.send(pressure())
-    hub.answer(*take(hub, 1), MessageOutcome.ACCEPTED)
+    hub.answer(*take(hub, 1), ReplyOutcome.ACCEPTED)
     assert books(hub) == {"accepted": 1, "malformed": 1}
 
 
@@ -199,7 +198,7 @@ def test_what_is_longer_than_allowed_is_told_or_cut_off_and_others_go_on(open_hu
     giant.send(pressure("g"))
     phone.send(pressure())
     for item in take(hub, 2):
-        hub.answer(item, MessageOutcome.ACCEPTED)
+        hub.answer(item, ReplyOutcome.ACCEPTED)
     assert books(hub) == {"accepted": 2, "malformed": 1}
 
 
@@ -280,7 +279,7 @@ def test_a_flood_is_throttled_before_decoding_and_costs_the_others_nothing(open_
     heard = []
     while len(heard) < 40:
         for item in take(hub, 1):
-            hub.answer(item, MessageOutcome.ACCEPTED)
+            hub.answer(item, ReplyOutcome.ACCEPTED)
             if item.event.device == "p":
                 heard.append(item.event.seq)
     assert heard == list(range(1, 41))
@@ -298,8 +297,8 @@ def test_a_peer_that_left_or_does_not_read_is_counted_and_harms_nobody(open_hub:
     gone.socket.close(0)
     phone.send(pressure("p", ack=True))
     (other,) = take(hub, 1)
-    hub.answer(item, MessageOutcome.ACCEPTED)
-    hub.answer(other, MessageOutcome.ACCEPTED)
+    hub.answer(item, ReplyOutcome.ACCEPTED)
+    hub.answer(other, ReplyOutcome.ACCEPTED)
     assert phone.hear()["outcome"] == "accepted"
     assert books(hub) == {"accepted": 2}
 
@@ -311,7 +310,7 @@ def test_a_phone_that_comes_back_under_its_own_routing_id_is_heard_at_once(open_
         phone = connect(zmq.DEALER, hub.addresses.sensors, routing_id=b"phone-17")
         phone.send(pressure("p", session="s", seq=seq, ack=True))
         (item,) = take(hub, 1)
-        hub.answer(item, MessageOutcome.ACCEPTED)
+        hub.answer(item, ReplyOutcome.ACCEPTED)
         assert phone.hear()["seq"] == seq
 
 
@@ -538,7 +537,7 @@ def test_everything_goes_over_ipc_too(open_hub: Open, connect: Connect, tmp_path
     hub = open_hub(**{name: f"ipc://{tmp_path}/{name}" for name in names})
     phone = connect(zmq.REQ, hub.addresses.sensors)
     phone.send(pressure())
-    hub.answer(*take(hub, 1), MessageOutcome.ACCEPTED)
+    hub.answer(*take(hub, 1), ReplyOutcome.ACCEPTED)
     assert phone.hear()["outcome"] == "accepted"
     assert connect(zmq.REQ, hub.addresses.control).ask("health")["ok"] is True
 

@@ -19,9 +19,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from ports_lab import PATIENCE_MS, Client, free_ports, message, pressure
 
-from tickfix.kernel import MessageOutcome
 from tickfix.ports import Hub, PeerLimits
-from tickfix.wire import MessageLimits
+from tickfix.wire import MessageLimits, ReplyOutcome
 
 GREETING = b"\xff" + b"\0" * 8 + b"\x7f\x03\x00" + b"NULL".ljust(20, b"\0") + b"\0" * 32
 
@@ -216,7 +215,7 @@ def test_messages_in_are_the_sum_of_outcomes_whatever_comes(messages: list[tuple
         # A message counts as received before it is in the queue, and as pending from then on.
         while intake["received"] < len(messages) or intake["pending"]:
             for item in hub.take(0.001):
-                hub.answer(item, MessageOutcome.ACCEPTED)
+                hub.answer(item, ReplyOutcome.ACCEPTED)
             intake = hub.counters()["intake"]
             patience -= 1
             assert patience, f"{intake['received']} of {len(messages)} came, {intake['pending']} are pending"
@@ -246,7 +245,7 @@ def test_the_books_balance_at_every_instant_of_a_flood() -> None:
         received = 0
         while received < 8_000:
             for item in hub.take(0.001, 50):
-                hub.answer(item, MessageOutcome.ACCEPTED)
+                hub.answer(item, ReplyOutcome.ACCEPTED)
             intake = hub.counters()["intake"]
             received = intake["received"]
             assert received == sum(intake["outcomes"].values()) + intake["pending"]

@@ -13,10 +13,10 @@ from ports_lab import PATIENCE_MS, Client, all_done, allow, free_ports, make_key
 
 from tickfix.api import ConfigError
 from tickfix.api.errors import PortError
-from tickfix.kernel import MessageOutcome
 from tickfix.ports import Hub, PortSettings, Publication
 from tickfix.ports.authentication import KeyPair
 from tickfix.ports.sockets import OLDEST_LIBZMQ, check_libzmq
+from tickfix.wire import ReplyOutcome
 
 ALL = ["sensors", "positions", "control", "follow"]
 CLOSED = (
@@ -92,7 +92,7 @@ def answered(hub: Hub, client: Client, body: bytes) -> dict[str, Any]:
     client.send(body)
     for _ in range(PATIENCE_MS // 10):
         for item in hub.take(0.01):
-            hub.answer(item, MessageOutcome.ACCEPTED)
+            hub.answer(item, ReplyOutcome.ACCEPTED)
         if client.socket.poll(0):
             return client.hear()
     raise AssertionError("no answer")

@@ -15,7 +15,7 @@ from tickfix.kernel.snapshot import SessionSnapshot
 
 
 class MessageOutcome(StrEnum):
-    """The answer to a message."""
+    """What the kernel did with a message; what a port refuses never reaches it, see ``tickfix.wire.ReplyOutcome``."""
 
     ACCEPTED = "accepted"
     """In the timeline, or held until the clock it shows is confirmed."""
@@ -27,10 +27,6 @@ class MessageOutcome(StrEnum):
     """Seen before."""
     MALFORMED = "malformed"
     """Nothing in it can be used."""
-    UNAUTHORISED = "unauthorised"
-    BUSY = "busy"
-    THROTTLED = "throttled"
-    UNKNOWN = "unknown"
 
 
 _WINDOW_LENGTH: Final = 4096

@@ -15,7 +15,6 @@ from typing import Any, Final
 from tickfix.api import Event, PluginError, Scan, Truth
 from tickfix.api.errors import PortError
 from tickfix.journal import JournalError
-from tickfix.kernel import MessageOutcome
 from tickfix.live.engine_status import DurationHistogram
 from tickfix.live.live_comparison import LiveComparison
 from tickfix.live.localization import PendingScans, ScanDecision, ScanLocator
@@ -25,7 +24,7 @@ from tickfix.live.scheduler import Deadlines, DeviceSchedule, OverloadDetector
 from tickfix.live.serve_options import LiveSettings
 from tickfix.ports import Clock, ControlCommand, Hub, InboundMessage
 from tickfix.ports.inbound_queue import InboundItem
-from tickfix.wire import Bye, Hello, encode_event
+from tickfix.wire import Bye, Hello, ReplyOutcome, encode_event
 from tickfix.wire.engine_messages import DropScan, FinishDevice, RunDevice, SelectPrimary
 
 _MAX_TICKS_PER_RUN: Final = 100
@@ -48,7 +47,7 @@ class RoundTask:
     device: str
     ready_ns: int | None
     item: InboundMessage | None = None
-    answer: tuple[MessageOutcome, str] = (MessageOutcome.ACCEPTED, "")
+    answer: tuple[ReplyOutcome, str] = (ReplyOutcome.ACCEPTED, "")
 
 
 class RoundTasks:
@@ -94,7 +93,7 @@ class RoundTasks:
             self._write_ahead.decision(decision, scan.device, scan.t_ns)
             ready_ns = self._clock.monotonic_ns() if item is None else item.received_ns
             why = decision.reason if isinstance(decision, DropScan) else ""
-            self._tasks.append(RoundTask(decision, scan.device, ready_ns, item, (MessageOutcome.ACCEPTED, why)))
+            self._tasks.append(RoundTask(decision, scan.device, ready_ns, item, (ReplyOutcome.ACCEPTED, why)))
 
     def schedule_due_runs(self, now_ns: int) -> int | None:
         """Have the devices run that something came from, and whose tick is due; return since when the first was."""
@@ -153,7 +152,9 @@ class RoundTasks:
         """An event is in its timeline, or never will be: say so."""
         outcome, why = task.answer
         if task.item is not None:
-            self._publish_queue.answer(task.item, result.outcome or outcome, why)
+            self._publish_queue.answer(
+                task.item, outcome if result.outcome is None else ReplyOutcome(result.outcome), why
+            )
         if result.outcome is not None and task.ready_ns is not None:
             self._devices.observe(task.device, task.ready_ns)
 
@@ -231,16 +232,16 @@ class EventAdmission:
         except Exception as error:  # noqa: BLE001 - see above
             self.errors += 1
             self._log(f"a message of {item.event.device!r} could not be taken in: {type(error).__name__}: {error}")
-            self._hub.answer(item, MessageOutcome.MALFORMED, f"{type(error).__name__}: {error}")
+            self._hub.answer(item, ReplyOutcome.MALFORMED, f"{type(error).__name__}: {error}")
 
     def _take(self, item: InboundMessage) -> None:
         event = item.event
         if isinstance(event, Hello):
-            self._publish_queue.answer(item, MessageOutcome.ACCEPTED)
+            self._publish_queue.answer(item, ReplyOutcome.ACCEPTED)
         elif isinstance(event, Bye):
             self._finish_device(event, item)
         elif event.seq > 0 and self._is_duplicate(event):
-            self._publish_queue.answer(item, MessageOutcome.DUPLICATE)
+            self._publish_queue.answer(item, ReplyOutcome.DUPLICATE)
         elif why := self._deferral_reason(event):
             self._defer(item, why)
         else:
@@ -258,11 +259,11 @@ class EventAdmission:
             self._defer(item, _backlog_message(backlog))
             return
         self._tasks.finish(bye.device, "bye")
-        self._publish_queue.answer(item, MessageOutcome.ACCEPTED)
+        self._publish_queue.answer(item, ReplyOutcome.ACCEPTED)
 
     def _defer(self, item: InboundMessage, why: str) -> None:
         self.deferred += 1
-        self._hub.answer(item, MessageOutcome.BUSY, why)
+        self._hub.answer(item, ReplyOutcome.BUSY, why)
 
     def _is_duplicate(self, event: Event) -> bool:
         """Tell whether a message with this number came before: it waits, is gathered, or was fed."""
@@ -295,7 +296,7 @@ def handle_command(
         drain: settles all that is known of every device.
     """
     if not isinstance(command, ControlCommand):
-        hub.answer(command, MessageOutcome.BUSY, "this engine takes nothing in")
+        hub.answer(command, ReplyOutcome.BUSY, "this engine takes nothing in")
         return False
     if command.what == "stop":
         command.reply(*_succeeded("stopping"))
@@ -486,7 +487,7 @@ class Engine:
                 stops = handle_command(item, self._hub, self._replica, self._write_ahead, self._names, self.drain)
                 self._stopping = self._stopping or stops
             elif self._publish_queue.journal_full:
-                self._hub.answer(item, MessageOutcome.BUSY, self._publish_queue.journal_full)
+                self._hub.answer(item, ReplyOutcome.BUSY, self._publish_queue.journal_full)
             else:
                 self._admission.take(item)
         oldest_ns = None

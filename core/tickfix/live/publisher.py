@@ -11,13 +11,12 @@ from typing import Final
 
 from tickfix.api import TICK_NS, Event
 from tickfix.journal import JournalFull, JournalOutOfDescriptors, JournalWriter, RecordKind
-from tickfix.kernel import MessageOutcome
 from tickfix.live.engine_status import DurationHistogram
 from tickfix.live.live_comparison import LiveComparison
 from tickfix.live.protocol import EncodedEstimate, Executor
 from tickfix.live.serve_options import LiveSettings
 from tickfix.ports import Clock, Hub, InboundMessage, Publication
-from tickfix.wire import TopicFamily
+from tickfix.wire import ReplyOutcome, TopicFamily
 from tickfix.wire.engine_messages import Decision, encode_decision
 
 _RETRY_ROUNDS: Final = 200
@@ -158,7 +157,7 @@ class PublishQueue:
         self._on_disk = ack_on_disk
         self._log = log
         self._publications: list[Publication] = []
-        self._answers: list[tuple[InboundMessage, MessageOutcome, str]] = []
+        self._answers: list[tuple[InboundMessage, ReplyOutcome, str]] = []
         self._attempted_ns = 0
         self.journal_full = ""
 
@@ -166,7 +165,7 @@ class PublishQueue:
         """Publish this after the next commit."""
         self._publications.append(publications)
 
-    def answer(self, item: InboundMessage, outcome: MessageOutcome, detail: str = "") -> None:
+    def answer(self, item: InboundMessage, outcome: ReplyOutcome, detail: str = "") -> None:
         """Acknowledge this after the next commit."""
         self._answers.append((item, outcome, detail))
 
@@ -205,7 +204,7 @@ class PublishQueue:
         elif answers:
             self._acknowledge(answers)
 
-    def _acknowledge(self, answers: Sequence[tuple[InboundMessage, MessageOutcome, str]]) -> None:
+    def _acknowledge(self, answers: Sequence[tuple[InboundMessage, ReplyOutcome, str]]) -> None:
         for item, outcome, detail in answers:
             self._hub.answer(item, outcome, detail)
 

@@ -7,11 +7,10 @@ from typing import Any, Final
 
 import zmq
 
-from tickfix.kernel import MessageOutcome
 from tickfix.ports.inbound_queue import ControlCommand, InboundQueue, RouterMessage, receive_message
 from tickfix.ports.peers import Peer, PeerRegistry
 from tickfix.ports.port_settings import Clock
-from tickfix.wire import VERSION, WireError
+from tickfix.wire import VERSION, ReplyOutcome, WireError
 from tickfix.wire.engine_messages import (
     ControlReply,
     ControlRequest,
@@ -102,10 +101,10 @@ class ControlPort:
 
     def _request(self, peer: Peer, received: RouterMessage, now_ns: int) -> ControlRequest:
         if not peer.allowed:
-            raise WireError("key", "one that was withdrawn", "a key on the allow-list", MessageOutcome.UNAUTHORISED)
+            raise WireError("key", "one that was withdrawn", "a key on the allow-list", ReplyOutcome.UNAUTHORISED)
         if not peer.state.bucket.try_consume(received.n_bytes, now_ns):
             expected = f"at most {peer.state.limits.messages_per_s:g} requests/s"
-            raise WireError("message", "too many requests", expected, MessageOutcome.THROTTLED)
+            raise WireError("message", "too many requests", expected, ReplyOutcome.THROTTLED)
         if received.body is None:
             raise WireError("message", f"{received.frames} frames", "one frame, or an empty one and one")
         return decode_request(received.body)
@@ -132,7 +131,7 @@ class ControlPort:
         if not self._inbound_queue.command(ControlCommand(request.what, request.args, reply)):
             busy = ErrorReply(
                 v=VERSION,
-                outcome=MessageOutcome.BUSY,
+                outcome=ReplyOutcome.BUSY,
                 field="message",
                 found="too many orders that wait for the loop",
                 expected="the same request later",

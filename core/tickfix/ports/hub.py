@@ -11,7 +11,6 @@ from typing import Any, Final
 import zmq
 
 from tickfix.api.errors import PortError
-from tickfix.kernel import MessageOutcome
 from tickfix.ports.authentication import AllowList, ZapAuthenticator
 from tickfix.ports.control_port import ControlPort
 from tickfix.ports.inbound_queue import InboundItem, InboundMessage, InboundQueue, IntakeCounters
@@ -21,7 +20,7 @@ from tickfix.ports.port_settings import Clock, PeerLimits, PortSettings
 from tickfix.ports.publishers import FollowPort, FollowRecord, PositionsPort, Publication
 from tickfix.ports.sensors_port import SensorsPort
 from tickfix.ports.sockets import PortSockets, check_libzmq
-from tickfix.wire import OLDEST_VERSION, VERSION
+from tickfix.wire import OLDEST_VERSION, VERSION, ReplyOutcome
 
 _CONTROL_LIMITS: Final = PeerLimits(messages_per_s=100.0, message_burst=200, bytes_per_s=2**20, byte_burst=2**22)
 _CLOSE_LINGER_MS: Final = 5_000
@@ -142,7 +141,7 @@ class Hub:
         """Let :meth:`take` return, though nothing came in; from any thread."""
         self._inbound_queue.wake()
 
-    def answer(self, incoming: InboundMessage, outcome: MessageOutcome, detail: str = "") -> None:
+    def answer(self, incoming: InboundMessage, outcome: ReplyOutcome, detail: str = "") -> None:
         """Settle a message: count its outcome, and tell the sender if it wants to know or must know.
 
         A second answer to the same message is ignored: the first one counts.

@@ -14,9 +14,8 @@ from typing import Any, Final, TypeAlias
 import zmq
 
 from tickfix.api import Event
-from tickfix.kernel import MessageOutcome
 from tickfix.ports.peers import Peer, PeerState
-from tickfix.wire import Bye, Hello
+from tickfix.wire import Bye, Hello, ReplyOutcome
 
 _MAX_KEPT_FRAMES: Final = 3
 
@@ -119,7 +118,7 @@ class IntakeCounters:
         self._lock = threading.Lock()
         self._received = 0
         self._bytes = 0
-        self._outcomes: Counter[MessageOutcome] = Counter()
+        self._outcomes: Counter[ReplyOutcome] = Counter()
         self._unknown: Counter[str] = Counter()
 
     def receive(self, state: PeerState, n_bytes: int) -> None:
@@ -130,13 +129,13 @@ class IntakeCounters:
             state.received += 1
             state.received_bytes += n_bytes
 
-    def count_outcome(self, state: PeerState, outcome: MessageOutcome) -> None:
+    def count_outcome(self, state: PeerState, outcome: ReplyOutcome) -> None:
         """Note what became of a message."""
         with self._lock:
             self._outcomes[outcome] += 1
             state.outcomes[outcome] += 1
 
-    def count_outcome_once(self, incoming: InboundMessage, outcome: MessageOutcome) -> bool:
+    def count_outcome_once(self, incoming: InboundMessage, outcome: ReplyOutcome) -> bool:
         """Note what became of a message that was handed to the loop, unless that was told before."""
         with self._lock:
             if incoming.answered:
@@ -161,7 +160,7 @@ class IntakeCounters:
                 "received": self._received,
                 "received_bytes": self._bytes,
                 "pending": self._received - settled,
-                "outcomes": {outcome.value: self._outcomes[outcome] for outcome in MessageOutcome},
+                "outcomes": {outcome.value: self._outcomes[outcome] for outcome in ReplyOutcome},
                 "unknown_skipped": dict(self._unknown),
                 "peers": {
                     state.name: {

@@ -11,9 +11,9 @@ from typing import Final
 
 import zmq
 
-from tickfix.kernel import MessageOutcome
 from tickfix.ports.authentication import AllowList, KeyGrant
 from tickfix.ports.port_settings import PeerLimits
+from tickfix.wire import ReplyOutcome
 
 
 class TokenBucket:
@@ -86,7 +86,7 @@ class PeerState:
         self.bucket = TokenBucket(limits, now_ns)
         self.received = 0
         self.received_bytes = 0
-        self.outcomes: Counter[MessageOutcome] = Counter()
+        self.outcomes: Counter[ReplyOutcome] = Counter()
         self.waiting = 0
         self.waiting_bytes = 0
         self.throttle_notice_ns = -(2**62)
@@ -192,7 +192,7 @@ class _DeviceSession:
 class AdmissionRefusal:
     """Why a message is not let in: its outcome, and what its error says."""
 
-    outcome: MessageOutcome
+    outcome: ReplyOutcome
     field: str
     found: str
     expected: str
@@ -257,7 +257,7 @@ class DeviceSessions:
         if not (hello or continues or silent or not current.sensor):
             expected = "one speaker at a time: a hello, or the session that is under way"
             return AdmissionRefusal(
-                MessageOutcome.UNAUTHORISED, "device", f"{device!r}, for which another peer speaks", expected
+                ReplyOutcome.UNAUTHORISED, "device", f"{device!r}, for which another peer speaks", expected
             )
         if self._devices_per_peer[peer] >= limit:
             return _too_many_devices(limit)
@@ -281,7 +281,7 @@ class DeviceSessions:
             return _too_many_devices(limit)
         if len(self._sessions) >= self._max_devices:
             found = f"{device!r}, a new device, while there are {len(self._sessions)}"
-            return AdmissionRefusal(MessageOutcome.BUSY, "device", found, f"at most {self._max_devices} devices in all")
+            return AdmissionRefusal(ReplyOutcome.BUSY, "device", found, f"at most {self._max_devices} devices in all")
         self._sessions[device] = _DeviceSession(peer, session, now_ns, sensor)
         self._devices_per_peer[peer] += 1
         return None
@@ -302,5 +302,5 @@ class DeviceSessions:
 
 def _too_many_devices(limit: int) -> AdmissionRefusal:
     return AdmissionRefusal(
-        MessageOutcome.BUSY, "device", f"one more than {limit} devices", f"at most {limit} devices of one peer"
+        ReplyOutcome.BUSY, "device", f"one more than {limit} devices", f"at most {limit} devices of one peer"
     )

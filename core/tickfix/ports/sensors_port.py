@@ -8,7 +8,6 @@ from typing import Final
 import zmq
 
 from tickfix.api import Event
-from tickfix.kernel import MessageOutcome
 from tickfix.ports.inbound_queue import InboundMessage, InboundQueue, IntakeCounters, RouterMessage, receive_message
 from tickfix.ports.peers import AdmissionRefusal, DeviceSessions, Peer, PeerRegistry
 from tickfix.ports.port_settings import Clock, PortSettings
@@ -17,6 +16,7 @@ from tickfix.wire import (
     Bye,
     DeviceMessage,
     Hello,
+    ReplyOutcome,
     WireError,
     check_received_event,
     decode_message,
@@ -33,9 +33,7 @@ _MESSAGES_PER_ROUND: Final = 64
 _DROPS_BEFORE_PAUSE: Final = 32
 _PAUSE_NS: Final = 2_000_000
 _THROTTLE_NOTICE_INTERVAL_NS: Final = 1_000_000_000
-_ACK_OUTCOMES: Final = frozenset(
-    {MessageOutcome.ACCEPTED, MessageOutcome.LATE, MessageOutcome.STALE, MessageOutcome.DUPLICATE}
-)
+_ACK_OUTCOMES: Final = frozenset({ReplyOutcome.ACCEPTED, ReplyOutcome.LATE, ReplyOutcome.STALE, ReplyOutcome.DUPLICATE})
 """Outcomes that an ``ack`` carries, where one was asked for; the others are told by an ``error``, asked for or not."""
 
 
@@ -94,7 +92,7 @@ class SensorsPort:
             received = receive_message(self._socket)
             if received is None:
                 return False
-            drops += self._receive(received) is MessageOutcome.THROTTLED
+            drops += self._receive(received) is ReplyOutcome.THROTTLED
             if drops >= _DROPS_BEFORE_PAUSE:
                 self.paused_until_ns = self._clock.monotonic_ns() + _PAUSE_NS
                 return False
@@ -110,7 +108,7 @@ class SensorsPort:
         except zmq.ZMQError:
             self.replies_lost += 1
 
-    def replies_for(self, incoming: InboundMessage, outcome: MessageOutcome, detail: str) -> tuple[bytes, ...]:
+    def replies_for(self, incoming: InboundMessage, outcome: ReplyOutcome, detail: str) -> tuple[bytes, ...]:
         """Return what is sent to the peer once the loop has settled a message; pure, for any thread."""
         message = incoming.event
         if outcome not in _ACK_OUTCOMES:
@@ -149,7 +147,7 @@ class SensorsPort:
             )
         return tuple(replies)
 
-    def _receive(self, received: RouterMessage) -> MessageOutcome | None:
+    def _receive(self, received: RouterMessage) -> ReplyOutcome | None:
         """Count the message, and settle it unless it is handed to the loop."""
         now_ns = self._clock.monotonic_ns()
         peer = self._peers.identify(received.identity, delimited=received.delimited, now_ns=now_ns)
@@ -164,7 +162,7 @@ class SensorsPort:
         if error is None:
             return None
         self._intake.count_outcome(peer.state, error.outcome)
-        if error.outcome is not MessageOutcome.THROTTLED or peer.delimited or self._throttle_notice_due(peer, now_ns):
+        if error.outcome is not ReplyOutcome.THROTTLED or peer.delimited or self._throttle_notice_due(peer, now_ns):
             self.send(peer, encode_engine_message(error))
         return error.outcome
 
@@ -172,11 +170,11 @@ class SensorsPort:
         """Hand the message to the loop, or return the error that says why not."""
         if not peer.allowed:
             found = f"the key of {peer.name!r}, withdrawn"
-            return _undecoded_error(MessageOutcome.UNAUTHORISED, "key", found, "a key on the allow-list")
+            return _undecoded_error(ReplyOutcome.UNAUTHORISED, "key", found, "a key on the allow-list")
         limits = peer.state.limits
         if not peer.state.bucket.try_consume(received.n_bytes, now_ns):
             expected = f"at most {limits.messages_per_s:g} messages/s and {limits.bytes_per_s:g} bytes/s"
-            return _undecoded_error(MessageOutcome.THROTTLED, "message", "too many messages or bytes", expected)
+            return _undecoded_error(ReplyOutcome.THROTTLED, "message", "too many messages or bytes", expected)
         if received.body is None:
             raise WireError("message", f"{received.frames} frames", "one frame, or an empty one and one")
         body = received.body
@@ -196,7 +194,7 @@ class SensorsPort:
                 self._count_unknown(message, body)
                 return None
             refusal = AdmissionRefusal(
-                MessageOutcome.BUSY, "message", "more than the engine can take in now", "the same message later"
+                ReplyOutcome.BUSY, "message", "more than the engine can take in now", "the same message later"
             )
         return error_reply(WireError(refusal.field, refusal.found, refusal.expected, refusal.outcome), body)
 
@@ -205,14 +203,12 @@ class SensorsPort:
         grant = peer.state.grant
         if grant is not None and not grant.allows_device(message.device):
             expected = f"one of {', '.join(grant.devices) or 'none'}, bound to the key of {grant.name!r}"
-            return AdmissionRefusal(MessageOutcome.UNAUTHORISED, "device", repr(message.device), expected)
+            return AdmissionRefusal(ReplyOutcome.UNAUTHORISED, "device", repr(message.device), expected)
         if self.admission.all_messages is not None:
-            return AdmissionRefusal(
-                MessageOutcome.BUSY, "message", self.admission.all_messages, "the same message later"
-            )
+            return AdmissionRefusal(ReplyOutcome.BUSY, "message", self.admission.all_messages, "the same message later")
         if self.admission.new_devices is not None and message.device not in self.device_sessions:
             return AdmissionRefusal(
-                MessageOutcome.BUSY, "device", f"a new device: {self.admission.new_devices}", "the same message later"
+                ReplyOutcome.BUSY, "device", f"a new device: {self.admission.new_devices}", "the same message later"
             )
         return None
 
@@ -241,6 +237,6 @@ class SensorsPort:
         return due
 
 
-def _undecoded_error(outcome: MessageOutcome, field: str, found: str, expected: str) -> ErrorReply:
+def _undecoded_error(outcome: ReplyOutcome, field: str, found: str, expected: str) -> ErrorReply:
     """Return an error about a message that was not decoded."""
     return ErrorReply(v=VERSION, outcome=outcome, field=field, found=found, expected=expected)

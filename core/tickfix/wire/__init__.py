@@ -38,7 +38,7 @@ from tickfix.wire.event_codec import (
     unknown_sensors,
 )
 from tickfix.wire.sensor_messages import OLDEST_VERSION, VERSION, Bye, DeviceMessage, Hello, MessageLimits
-from tickfix.wire.validation import WireError
+from tickfix.wire.validation import ReplyOutcome, WireError
 
 __all__ = [
     "CONTROL_REQUESTS",
@@ -56,6 +56,7 @@ __all__ = [
     "Hello",
     "MessageLimits",
     "PublicationEnvelope",
+    "ReplyOutcome",
     "Topic",
     "TopicFamily",
     "WelcomeReply",

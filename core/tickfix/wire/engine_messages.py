@@ -10,9 +10,15 @@ from typing import Any, Final, TypeAlias
 import msgspec
 from msgspec import Struct
 
-from tickfix.kernel import MessageOutcome
 from tickfix.wire.sensor_messages import VERSION, Int64, UInt63
-from tickfix.wire.validation import WireError, check_version, decode_checked, decode_scalar_fields, short_repr
+from tickfix.wire.validation import (
+    ReplyOutcome,
+    WireError,
+    check_version,
+    decode_checked,
+    decode_scalar_fields,
+    short_repr,
+)
 
 
 class WelcomeReply(Struct, tag_field="type", tag="welcome", kw_only=True, frozen=True):
@@ -43,7 +49,7 @@ class AckReply(Struct, tag_field="type", tag="ack", kw_only=True, frozen=True):
     device: str
     session: str
     seq: UInt63
-    outcome: MessageOutcome
+    outcome: ReplyOutcome
     detail: str = ""
 
 
@@ -59,7 +65,7 @@ class ErrorReply(Struct, tag_field="type", tag="error", kw_only=True, frozen=Tru
     """
 
     v: UInt63
-    outcome: MessageOutcome
+    outcome: ReplyOutcome
     field: str
     found: str
     expected: str
@@ -219,7 +225,7 @@ def decode_request(data: bytes, message_bytes: int = 65_536) -> ControlRequest:
     check_version(decode_scalar_fields(data).get("v"))
     request = decode_checked(_REQUEST_DECODER, data)
     if request.what not in CONTROL_REQUESTS:
-        raise WireError("what", short_repr(request.what), " | ".join(CONTROL_REQUESTS), MessageOutcome.UNKNOWN)
+        raise WireError("what", short_repr(request.what), " | ".join(CONTROL_REQUESTS), ReplyOutcome.UNKNOWN)
     return request
 
 

@@ -17,11 +17,11 @@ import numpy as np
 from tickfix import api
 from tickfix.api import LATEST_NS, SENSORS, Event, EventError, Floats, Ints, MotionSamples, Samples
 from tickfix.api.events import UNSET_NS
-from tickfix.kernel import MessageOutcome
 from tickfix.wire import sensor_messages
 from tickfix.wire.sensor_messages import OLDEST_VERSION, VERSION, DeviceMessage, EventMessage, MessageLimits
 from tickfix.wire.validation import (
     MAP_DECODER,
+    ReplyOutcome,
     WireError,
     check_version,
     decode_checked,
@@ -148,7 +148,7 @@ def _message_type(data: bytes, fields: int) -> str:
     if not isinstance(kind, str):
         raise WireError("type", short_repr(kind), "a name")
     if kind not in _MESSAGE_DECODERS:
-        raise WireError("type", short_repr(kind), " | ".join(_MESSAGE_DECODERS), MessageOutcome.UNKNOWN)
+        raise WireError("type", short_repr(kind), " | ".join(_MESSAGE_DECODERS), ReplyOutcome.UNKNOWN)
     return kind
 
 
@@ -286,7 +286,7 @@ def _build_motion(
             of_bin = _LITTLE and isinstance(batch.t_ns, bytes) and isinstance(batch.values, bytes)
             sensors[name] = _samples_of_bin(t_ns, values) if of_bin else Samples(t_ns, values)
     if message.sensors and not sensors:
-        raise WireError("sensors", short_repr(next(iter(message.sensors))), " | ".join(SENSORS), MessageOutcome.UNKNOWN)
+        raise WireError("sensors", short_repr(next(iter(message.sensors))), " | ".join(SENSORS), ReplyOutcome.UNKNOWN)
     return MotionSamples(sensors=sensors, t0_ns=t0_ns, t1_ns=t1_ns, **_common_fields(message, arrival_ns))
 
 

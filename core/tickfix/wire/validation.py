@@ -7,14 +7,41 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import Any, Final, TypeVar
 
 import msgspec
 import numpy as np
 
 from tickfix.api import Floats, Ints, TickfixError
-from tickfix.kernel import MessageOutcome
 from tickfix.wire.sensor_messages import OLDEST_VERSION, VERSION
+
+
+class ReplyOutcome(StrEnum):
+    """The answer to a message: exactly one each, so that messages in = sum of outcomes.
+
+    The first five are the kernel's, see MessageOutcome there, with the same values. With the others a port
+    or the engine refuses a message before the kernel sees it.
+    """
+
+    ACCEPTED = "accepted"
+    """In the timeline, or held until the clock it shows is confirmed."""
+    LATE = "late"
+    """In the timeline, behind a tick that was closed already: the past is revised."""
+    STALE = "stale"
+    """Beyond the horizon: not used."""
+    DUPLICATE = "duplicate"
+    """Received before."""
+    MALFORMED = "malformed"
+    """Nothing in it can be used."""
+    UNAUTHORISED = "unauthorised"
+    """The peer may not send this."""
+    BUSY = "busy"
+    """The engine has no room now; send it again later."""
+    THROTTLED = "throttled"
+    """The peer sends more than its rate limit allows."""
+    UNKNOWN = "unknown"
+    """A type, version or sensor that this version does not know."""
 
 
 class WireError(TickfixError):
@@ -27,16 +54,14 @@ class WireError(TickfixError):
         outcome: the intake outcome it stands for: ``malformed``, or ``unknown`` for what a newer peer may mean.
     """
 
-    def __init__(
-        self, field: str, found: str, expected: str, outcome: MessageOutcome = MessageOutcome.MALFORMED
-    ) -> None:
+    def __init__(self, field: str, found: str, expected: str, outcome: ReplyOutcome = ReplyOutcome.MALFORMED) -> None:
         super().__init__(f"{field}: found {found}; expected {expected}")
         self.field = field
         self.found = found
         self.expected = expected
         self.outcome = outcome
 
-    def __reduce__(self) -> tuple[type[WireError], tuple[str, str, str, MessageOutcome]]:
+    def __reduce__(self) -> tuple[type[WireError], tuple[str, str, str, ReplyOutcome]]:
         """Say how to build it again, so that it can come back from another process."""
         return type(self), (self.field, self.found, self.expected, self.outcome)
 
@@ -198,7 +223,7 @@ def check_version(v: object) -> None:
         raise WireError("v", short_repr(v), f"a protocol version from {OLDEST_VERSION} to {VERSION}")
     if v > VERSION:
         expected = f"at most {VERSION}, the protocol version spoken here"
-        raise WireError("v", short_repr(v), expected, MessageOutcome.UNKNOWN)
+        raise WireError("v", short_repr(v), expected, ReplyOutcome.UNKNOWN)
 
 
 def _map_length(data: bytes) -> int:

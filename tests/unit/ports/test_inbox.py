@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tickfix.api import Pressure
-from tickfix.kernel import MessageOutcome
 from tickfix.ports.inbound_queue import ControlCommand, InboundMessage, InboundQueue, IntakeCounters
 from tickfix.ports.peers import Peer, PeerState
 from tickfix.ports.port_settings import PeerLimits
+from tickfix.wire import ReplyOutcome
 
 EVENT = Pressure(t_ns=0, pressure_hpa=1000.0, device="p")
 
@@ -115,8 +115,8 @@ def test_a_message_is_settled_once() -> None:
     item = incoming(one)
     intake.receive(one, 10)
     assert intake.snapshot([one])["pending"] == 1
-    assert intake.count_outcome_once(item, MessageOutcome.LATE)
-    assert not intake.count_outcome_once(item, MessageOutcome.ACCEPTED)
+    assert intake.count_outcome_once(item, ReplyOutcome.LATE)
+    assert not intake.count_outcome_once(item, ReplyOutcome.ACCEPTED)
     seen = intake.snapshot([one])
     assert (seen["received"], seen["pending"], seen["outcomes"]["late"], seen["outcomes"]["accepted"]) == (1, 0, 1, 0)
     assert seen["peers"]["one"] == {"received": 1, "received_bytes": 10, "outcomes": {"late": 1}}

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tickfix.kernel import MessageOutcome
 from tickfix.ports.peers import DeviceSessions
+from tickfix.wire import ReplyOutcome
 
 SECOND_NS = 1_000_000_000
 
@@ -22,7 +22,7 @@ def test_a_second_speaker_is_refused_by_name(device_sessions: DeviceSessions) ->
     assert device_sessions.admit("p", "s", "one", limit=9, now_ns=0) is None
     refusal = device_sessions.admit("p", "t", "two", limit=9, now_ns=SECOND_NS)
     assert refusal is not None
-    assert (refusal.outcome, refusal.field) == (MessageOutcome.UNAUTHORISED, "device")
+    assert (refusal.outcome, refusal.field) == (ReplyOutcome.UNAUTHORISED, "device")
     assert device_sessions.admit("p", "s", "one", limit=9, now_ns=SECOND_NS) is None
 
 
@@ -31,7 +31,7 @@ def test_the_last_hello_wins(device_sessions: DeviceSessions) -> None:
     assert device_sessions.admit("p", "t", "two", limit=9, now_ns=1, hello=True) is None
     refusal = device_sessions.admit("p", "s2", "one", limit=9, now_ns=2)
     assert refusal is not None
-    assert refusal.outcome is MessageOutcome.UNAUTHORISED
+    assert refusal.outcome is ReplyOutcome.UNAUTHORISED
 
 
 def test_a_session_goes_on_over_another_connection(device_sessions: DeviceSessions) -> None:
@@ -60,12 +60,12 @@ def test_devices_are_limited_for_each_peer_and_in_all_and_idle_ones_make_room(de
     assert device_sessions.admit("a", "", "one", limit=1, now_ns=0) is None
     refusal = device_sessions.admit("b", "", "one", limit=1, now_ns=0)
     assert refusal is not None
-    assert (refusal.outcome, refusal.expected) == (MessageOutcome.BUSY, "at most 1 devices of one peer")
+    assert (refusal.outcome, refusal.expected) == (ReplyOutcome.BUSY, "at most 1 devices of one peer")
     for device in ("b", "c"):
         assert device_sessions.admit(device, "", "two", limit=9, now_ns=30 * SECOND_NS) is None
     refusal = device_sessions.admit("d", "", "two", limit=9, now_ns=50 * SECOND_NS)
     assert refusal is not None
-    assert (refusal.outcome, refusal.expected) == (MessageOutcome.BUSY, "at most 3 devices in all")
+    assert (refusal.outcome, refusal.expected) == (ReplyOutcome.BUSY, "at most 3 devices in all")
     assert device_sessions.admit("d", "", "two", limit=9, now_ns=61 * SECOND_NS) is None
     assert "a" not in device_sessions
 

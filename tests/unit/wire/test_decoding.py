@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire_strategies import SENT
 
-from tickfix.kernel import MessageOutcome
 from tickfix.wire import (
     VERSION,
     MessageLimits,
+    ReplyOutcome,
     WireError,
     decode_estimate,
     decode_event,
@@ -93,7 +93,7 @@ def test_any_samples_raise_nothing_but_wire_errors(t_ns, values, sensor):
 def test_a_message_cut_short_is_malformed(event, data):
     whole = event_to_message(event)
     half = whole[: data.draw(st.integers(0, len(whole) - 1))]
-    assert refusal(half).outcome is MessageOutcome.MALFORMED
+    assert refusal(half).outcome is ReplyOutcome.MALFORMED
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_a_message_cut_short_is_malformed(event, data):
 )
 def test_an_error_names_field_value_and_what_is_expected(fields, field, found, expected):
     error = refusal(fields)
-    assert (error.field, error.expected, error.outcome) == (field, expected, MessageOutcome.MALFORMED)
+    assert (error.field, error.expected, error.outcome) == (field, expected, ReplyOutcome.MALFORMED)
     if found is not None:
         assert error.found == found
 
@@ -178,14 +178,14 @@ def test_a_field_twice_is_refused():
 @pytest.mark.parametrize("name", ["new", "motion2", "", "ack", "welcome", "reply", "estimate"])
 def test_an_unknown_type_has_the_outcome_unknown(name):
     error = refusal(PRESSURE | {"type": name})
-    assert (error.field, error.outcome) == ("type", MessageOutcome.UNKNOWN)
+    assert (error.field, error.outcome) == ("type", ReplyOutcome.UNKNOWN)
     assert "motion" in error.expected
 
 
 @pytest.mark.parametrize("newer", [VERSION + 1, 2**63, 2**64 - 1])
 def test_a_newer_peer_is_told_what_is_spoken_here(newer):
     error = refusal({"v": newer, "type": "whatever", "shape": {"of": "tomorrow"}})
-    assert (error.field, error.found, error.outcome) == ("v", str(newer), MessageOutcome.UNKNOWN)
+    assert (error.field, error.found, error.outcome) == ("v", str(newer), ReplyOutcome.UNKNOWN)
     assert error.expected == "at most 1, the protocol version spoken here"
 
 
@@ -202,7 +202,7 @@ def test_a_deep_unknown_field_is_refused(opening):
     data = bytes([body[0] + 1]) + body[1:] + msgpack.packb("deep") + opening * 100_000 + b"\x90"
     error = refusal(data, MessageLimits(message_bytes=2**20))
     assert error.found == "too many levels of nesting"
-    assert error.outcome is MessageOutcome.MALFORMED
+    assert error.outcome is ReplyOutcome.MALFORMED
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_what_is_too_large_is_refused_by_its_head(data, found):
 def test_a_length_that_lies_is_refused(length):
     body = msgpack.packb({"v": 1, "type": "scan", "device": "d", "transmitters": [], "heard_ns": []})
     data = bytes([body[0] + 1]) + body[1:] + msgpack.packb("rssi_dbm") + length
-    assert refusal(data).outcome is MessageOutcome.MALFORMED
+    assert refusal(data).outcome is ReplyOutcome.MALFORMED
 
 
 def test_a_list_above_the_ceiling_is_refused_before_it_is_built():
@@ -267,6 +267,6 @@ def test_limits_are_checked_themselves():
 
 
 def test_an_error_comes_back_from_another_process():
-    error = WireError("a", "b", "c", MessageOutcome.UNKNOWN)
+    error = WireError("a", "b", "c", ReplyOutcome.UNKNOWN)
     back = pickle.loads(pickle.dumps(error))  # noqa: S301  # our own bytes
-    assert (str(back), back.outcome) == (str(error), MessageOutcome.UNKNOWN)
+    assert (str(back), back.outcome) == (str(error), ReplyOutcome.UNKNOWN)

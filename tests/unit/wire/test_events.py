@@ -11,10 +11,10 @@ from wire_strategies import EVENTS, SENT, content
 
 from tickfix.api import LATEST_NS, Fix, MotionSamples, Pressure, Samples, Scan, motion_samples
 from tickfix.api.events import UNSET_NS
-from tickfix.kernel import MessageOutcome
 from tickfix.wire import (
     Hello,
     MessageLimits,
+    ReplyOutcome,
     WireError,
     check_received_event,
     decode_event,
@@ -127,7 +127,7 @@ def test_an_unknown_sensor_is_left_out_and_can_be_counted():
     assert unknown_sensors(sent) == ("light",)
     with pytest.raises(WireError, match="found 'light'; expected accelerometer") as caught:
         message_to_event(message(type="motion", sensors={"light": light}), 1)
-    assert caught.value.outcome is MessageOutcome.UNKNOWN
+    assert caught.value.outcome is ReplyOutcome.UNKNOWN
 
 
 @pytest.mark.parametrize(
@@ -169,7 +169,7 @@ def test_arrays_that_do_not_fit_together_are_named(fields, text):
     with pytest.raises(WireError) as caught:
         message_to_event(message(**fields), 1)
     assert str(caught.value).startswith(text)
-    assert caught.value.outcome is MessageOutcome.MALFORMED
+    assert caught.value.outcome is ReplyOutcome.MALFORMED
 
 
 WILD = [-1, -(2**63), LATEST_NS + 1, 2**63 - 1]
@@ -194,7 +194,7 @@ def test_a_message_whose_time_is_none_is_refused_by_name(fields, field, t_ns):
     with pytest.raises(WireError) as caught:
         check_received_event(event)
     assert str(caught.value) == f"{field}: found {t_ns}; {EXPECTED}"
-    assert caught.value.outcome is MessageOutcome.MALFORMED
+    assert caught.value.outcome is ReplyOutcome.MALFORMED
 
 
 @pytest.mark.parametrize("t_ns", WILD)

@@ -11,12 +11,12 @@ import msgspec
 import pytest
 
 from tickfix.api import LATEST_NS, SENSORS, Status
-from tickfix.kernel import MessageOutcome
 from tickfix.wire import (
     CONTROL_REQUESTS,
     OLDEST_VERSION,
     VERSION,
     MessageLimits,
+    ReplyOutcome,
     decode_message,
     decode_request,
     message_to_event,
@@ -67,7 +67,7 @@ def test_the_page_tells_the_version():
 
 def test_the_page_tells_every_outcome_and_no_other():
     section = PAGE.partition("Every message has exactly one outcome:")[2].partition("## Positions")[0]
-    assert re.findall(r"^\| `(\w+)`", section, re.MULTILINE) == [outcome.value for outcome in MessageOutcome]
+    assert re.findall(r"^\| `(\w+)`", section, re.MULTILINE) == [outcome.value for outcome in ReplyOutcome]
 
 
 def test_the_page_tells_every_request_and_no_other():

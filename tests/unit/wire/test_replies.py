@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tickfix.kernel import MessageOutcome
 from tickfix.wire import (
     CONTROL_REQUESTS,
     VERSION,
@@ -15,6 +14,7 @@ from tickfix.wire import (
     ControlReply,
     MessageLimits,
     PublicationEnvelope,
+    ReplyOutcome,
     WireError,
     decode_message,
     decode_request,
@@ -24,7 +24,7 @@ from tickfix.wire import (
 
 
 def test_an_ack_is_a_map_with_its_type_and_version():
-    ack = AckReply(v=VERSION, device="d", session="s", seq=3, outcome=MessageOutcome.LATE)
+    ack = AckReply(v=VERSION, device="d", session="s", seq=3, outcome=ReplyOutcome.LATE)
     told = {"type": "ack", "v": 1, "device": "d", "session": "s", "seq": 3, "outcome": "late", "detail": ""}
     assert msgpack.unpackb(encode_engine_message(ack)) == told
 
@@ -48,7 +48,7 @@ def test_an_error_names_the_message_it_is_about():
         decode_message(data, MessageLimits())
     error = error_reply(caught.value, data)
     assert (error.device, error.session, error.seq) == ("d", "s", 4)
-    assert (error.field, error.found, error.expected, error.outcome) == ("ack", "2", "bool", MessageOutcome.MALFORMED)
+    assert (error.field, error.found, error.expected, error.outcome) == ("ack", "2", "bool", ReplyOutcome.MALFORMED)
 
 
 @given(
@@ -77,18 +77,18 @@ def test_every_request_is_understood(what):
         (
             {"v": 1, "type": "request", "what": "dance"},
             "what: found 'dance'; expected status | ",
-            MessageOutcome.UNKNOWN,
+            ReplyOutcome.UNKNOWN,
         ),
-        ({"v": 2, "type": "request", "what": "status"}, "v: found 2; expected at most 1", MessageOutcome.UNKNOWN),
-        ({"type": "request", "what": "status"}, "v: found None; expected a protocol", MessageOutcome.MALFORMED),
-        ({"v": 1, "type": "bye", "what": "status"}, "type: found 'bye'", MessageOutcome.MALFORMED),
-        ({"v": 1, "type": "request"}, "what: found nothing", MessageOutcome.MALFORMED),
+        ({"v": 2, "type": "request", "what": "status"}, "v: found 2; expected at most 1", ReplyOutcome.UNKNOWN),
+        ({"type": "request", "what": "status"}, "v: found None; expected a protocol", ReplyOutcome.MALFORMED),
+        ({"v": 1, "type": "bye", "what": "status"}, "type: found 'bye'", ReplyOutcome.MALFORMED),
+        ({"v": 1, "type": "request"}, "what: found nothing", ReplyOutcome.MALFORMED),
         (
             {"v": 1, "type": "request", "what": "stop", "args": [1]},
             "args: found an array; expected object",
-            MessageOutcome.MALFORMED,
+            ReplyOutcome.MALFORMED,
         ),
-        ({"v": 1, "type": "request", "what": "stop", "x": "a" * 70_000}, "message: found 70", MessageOutcome.MALFORMED),
+        ({"v": 1, "type": "request", "what": "stop", "x": "a" * 70_000}, "message: found 70", ReplyOutcome.MALFORMED),
     ],
 )
 def test_what_is_no_request_is_named(fields, text, outcome):
