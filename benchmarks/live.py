@@ -42,7 +42,7 @@ from tickfix.client import Control
 from tickfix.registry import discover
 from tickfix.replay.site_survey import survey_and_train
 from tickfix.simulation import simulate_demo
-from tickfix.site.folder import save_site
+from tickfix.site import save_site
 
 PIPELINES = ("kalman", "fusion")
 SETTINGS = """

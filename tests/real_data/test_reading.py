@@ -10,7 +10,7 @@ import pytest
 
 from tickfix.api import MotionSamples, Scan
 from tickfix.readers.indoor_location import IndoorLocationReader
-from tickfix.site.folder import load_site, save_site
+from tickfix.site import load_site, save_site
 from tickfix.site.survey_builder import read_floor_plans, survey_recordings
 
 

@@ -31,7 +31,7 @@ from tickfix.live.journal_replay import journaled_config, journaled_site, write_
 from tickfix.registry import Registry
 from tickfix.replay.recording_files import Progress, find_recordings
 from tickfix.replay.site_survey import read_walks
-from tickfix.site.folder import is_site, load_site
+from tickfix.site import is_site, load_site
 
 _OUTCOMES = "outcomes"
 _WALKS = "walks"

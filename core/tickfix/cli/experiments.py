@@ -17,7 +17,7 @@ from tickfix.config import load_config
 from tickfix.evaluation.report.terminal import pooled_table
 from tickfix.evaluation.walk_runs import WalkOptions, draw_errors, pool_runs, prepare, run_walks
 from tickfix.replay.site_survey import survey_and_train
-from tickfix.site.folder import save_site
+from tickfix.site import save_site
 
 
 def demo(

@@ -8,7 +8,6 @@ from typing import Annotated, Final
 
 import typer
 
-import tickfix
 from tickfix.api import TickfixError
 from tickfix.cli.compare import compare
 from tickfix.cli.experiments import demo, reproduce
@@ -22,6 +21,7 @@ from tickfix.cli.serve import serve
 from tickfix.cli.survey import survey
 from tickfix.client import ClientError
 from tickfix.config import RenamedKeyError
+from tickfix.version import __version__
 
 RENAMED_OPTIONS: Final = {
     ("compare", "--spare"): "--holdout-share",
@@ -54,7 +54,7 @@ app.add_typer(journal_app, name="journal")
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - the shape of a typer callback
     if asked:
-        typer.echo(f"tickfix {tickfix.__version__}")
+        typer.echo(f"tickfix {__version__}")
         raise typer.Exit
 
 

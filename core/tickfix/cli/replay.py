@@ -33,8 +33,7 @@ from tickfix.live.journal_replay import JournalReplay, replay_journal
 from tickfix.registry import Registry
 from tickfix.replay.recording_files import RecordingFile, find_recordings
 from tickfix.sinks.file_sinks import SinkTarget, open_sink, sink_for
-from tickfix.site.folder import load_site
-from tickfix.site.site import Site
+from tickfix.site import Site, load_site
 
 
 def select_walks(

@@ -24,7 +24,7 @@ from tickfix.replay.site_survey import site_context
 from tickfix.senders.fix_service import FixService
 from tickfix.senders.playback import SendReport
 from tickfix.senders.playback import send_recordings as send_walks
-from tickfix.site.folder import load_site
+from tickfix.site import load_site
 
 _CROWD_SEED = 3
 _MAX_REASONS = 3

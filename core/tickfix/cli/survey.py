@@ -15,8 +15,7 @@ from tickfix.cli.console import progress, registry, stdout, warn_each
 from tickfix.config import load_config
 from tickfix.replay.recording_files import find_recordings
 from tickfix.replay.site_survey import survey_files
-from tickfix.site.folder import is_site, save_site
-from tickfix.site.site import Site
+from tickfix.site import Site, is_site, save_site
 
 _REJECTED: Final = "rejected: "
 

@@ -24,7 +24,7 @@ from tickfix.replay.driver import ReplayResult, replay_recording, start_at_first
 from tickfix.replay.process_pool import parallel_map
 from tickfix.replay.recording_files import RecordingFile
 from tickfix.replay.site_survey import site_context, trainable_choices
-from tickfix.site.site import Site
+from tickfix.site import Site
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

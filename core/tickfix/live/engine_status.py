@@ -6,10 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
 
-import tickfix
 from tickfix.config import Config
 from tickfix.ports import Clock, Hub
 from tickfix.registry import Registry
+from tickfix.version import __version__
 
 _PER_DECADE: Final = 40
 _SMALLEST_MS: Final = 1e-3
@@ -97,7 +97,7 @@ def static_status(
     return {
         "run": run,
         "site": site,
-        "version": tickfix.__version__,
+        "version": __version__,
         "pipelines": pipelines,
         "plugins": [
             {"kind": o.kind, "name": o.name, "distribution": o.distribution, "version": o.version}

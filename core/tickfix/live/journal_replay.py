@@ -29,7 +29,7 @@ from tickfix.live.replica import Replica
 from tickfix.readers.event_file import EVENT_FILE_SUFFIX, write_events
 from tickfix.registry import Registry
 from tickfix.replay.site_survey import site_context
-from tickfix.site.folder import load_site
+from tickfix.site import load_site
 from tickfix.wire import decode_estimate, decode_event, encode_estimate
 from tickfix.wire.engine_messages import FinishDevice, decode_decision
 from tickfix.wire.validation import MAP_DECODER

@@ -10,7 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final, TypeVar
 
-import tickfix
 from tickfix.api import Estimate
 from tickfix.api.errors import PortError
 from tickfix.config import Config, parse_config
@@ -32,6 +31,7 @@ from tickfix.live.replica import Replica
 from tickfix.live.serve_options import ServeOptions
 from tickfix.ports import Publication
 from tickfix.registry import Registry
+from tickfix.version import __version__
 from tickfix.wire import decode_estimate, decode_event
 from tickfix.wire.engine_messages import decode_decision
 
@@ -57,7 +57,7 @@ def new_manifest(options: ServeOptions, registry: Registry, run: str, before: Ru
     libraries = {name: version(name) for name in ("numpy", "scipy", "shapely", "pyzmq", "msgspec", "mcap")}
     return RunManifest(
         run=run,
-        tickfix_version=tickfix.__version__,
+        tickfix_version=__version__,
         config=options.config.text,
         seed=options.config.kernel.seed,
         probe=numeric_probe(),

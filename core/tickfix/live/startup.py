@@ -28,7 +28,7 @@ from tickfix.live.worker_pool import WorkerPool
 from tickfix.ports import Hub, PortAddresses, PortSettings
 from tickfix.registry import Registry
 from tickfix.replay.site_survey import site_context
-from tickfix.site.folder import load_site
+from tickfix.site import load_site
 
 _FULL_EVERY: Final = 1_000
 """Collections of the middle generation between full ones; by default 10."""

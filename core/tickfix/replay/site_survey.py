@@ -17,7 +17,7 @@ from tickfix.config import AlgorithmChoice, PipelineConfig
 from tickfix.kernel.determinism import RandomStreams
 from tickfix.replay.process_pool import parallel_map
 from tickfix.replay.recording_files import Progress, RecordingFile, no_progress, read_recordings
-from tickfix.site.site import Site
+from tickfix.site import Site
 from tickfix.site.survey_builder import read_floor_plans, survey_recordings
 
 _STREAM_DEVICE = "survey"

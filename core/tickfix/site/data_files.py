@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from shapely.geometry import shape
 
 from tickfix.api import Floats, Floor, RadioMap, SiteError, TickfixError
-from tickfix.site.site import SurveyTrack
+from tickfix.site.waypoints import SurveyTrack
 
 _KINDS: Final = frozenset("biufU")
 

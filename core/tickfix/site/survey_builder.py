@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tickfix.api import Floats, Floor, Ints, RadioMap, Reader, ReaderError, Recording, Scan, SiteError, Survey
-from tickfix.site.site import HeldOutWalk, Site, SurveyTrack, file_sha256
-from tickfix.site.waypoints import Leg, assign_chains, is_held_out, split_into_legs, to_survey_walk
+from tickfix.site.site import HeldOutWalk, Site, file_sha256
+from tickfix.site.waypoints import Leg, SurveyTrack, assign_chains, is_held_out, split_into_legs, to_survey_walk
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

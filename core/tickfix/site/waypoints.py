@@ -59,6 +59,25 @@ class Leg:
         return np.stack([np.interp(since, knots, self.xy[:, i]) for i in range(2)], axis=1)
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SurveyTrack:
+    """The polyline of one surveyed walk on one floor.
+
+    Attributes:
+        walk: name of the recording.
+        floor: name of the floor.
+        chain: name of the first walk of its chain.
+        t_ns: (n,) int64, times of the waypoints, increasing.
+        xy: (n, 2) float64, metres, floor frame.
+    """
+
+    walk: str
+    floor: str
+    chain: str
+    t_ns: Ints
+    xy: Floats
+
+
 def split_into_legs(truth: Sequence[Truth]) -> tuple[Leg, ...]:
     """Split waypoints in time order where the floor changes; of waypoints at the same instant the first counts."""
     runs: list[list[Truth]] = []

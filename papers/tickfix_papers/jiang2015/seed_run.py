@@ -18,7 +18,7 @@ from tickfix.registry import Registry
 from tickfix.replay.driver import ReplayResult, replay_recording
 from tickfix.replay.site_survey import train, trainable_choices
 from tickfix.simulation import SimulatedWalk
-from tickfix.site.site import Site
+from tickfix.site import Site
 from tickfix_papers.jiang2015.twin import draw_twin
 
 

@@ -19,7 +19,7 @@ from tickfix.kernel import Pipeline, Stage
 from tickfix.registry import Registry
 from tickfix.replay.driver import replay_recording, start_at_first_waypoint
 from tickfix.replay.site_survey import train, trainable_choices
-from tickfix.site.site import Site
+from tickfix.site import Site
 from tickfix_papers.wang2015.twin import FIX_S, Twin, draw_twin
 
 GCK: Final = "GCK"

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tickfix.api import Event, Floor, MotionSamples, Recording, Scan, Truth, motion_samples
-from tickfix.site.site import Site
+from tickfix.site import Site
 from tickfix.site.survey_builder import survey_recordings
 
 S = 1_000_000_000

@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 from surveys import small_site, walk
 
 from tickfix.api import Floor, ReaderError, Recording, SiteError
+from tickfix.site import Site, load_site, save_site
 from tickfix.site.data_files import load_floor, save_floor
-from tickfix.site.folder import load_site, save_site
-from tickfix.site.site import Site
 from tickfix.site.survey_builder import read_floor_plans, survey_recordings
 
 

@@ -16,7 +16,7 @@ from tickfix.api.packing import pack
 from tickfix.config import PipelineConfig
 from tickfix.replay.recording_files import Progress, RecordingFile
 from tickfix.replay.site_survey import WalksWithFloors, survey_and_train, trainable_choices
-from tickfix.site.site import Site
+from tickfix.site import Site
 from tickfix.site.waypoints import assign_chains, is_held_out
 
 

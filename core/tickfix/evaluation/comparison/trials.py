@@ -18,7 +18,6 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-import tickfix
 from tickfix.config import Config, PipelineConfig
 from tickfix.evaluation.comparison.evaluation_sites import EvaluationSite, EvaluationWalk
 from tickfix.evaluation.comparison.trial_outcomes import OutcomeStore, TrialOutcome, outcome_key, trial_outcomes
@@ -27,6 +26,7 @@ from tickfix.evaluation.walk_runs import RunSetup, prepare
 from tickfix.kernel import Pipeline
 from tickfix.replay.driver import replay_recording, start_at_first_waypoint
 from tickfix.replay.process_pool import parallel_map
+from tickfix.version import __version__
 
 _NOT_HASHED: Final = (
     "cli/",
@@ -52,7 +52,7 @@ def versions(pipelines: Iterable[PipelineConfig]) -> Mapping[str, str]:
         "machine": f"{platform.system()} {platform.machine()}",
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        "tickfix": tickfix.__version__,
+        "tickfix": __version__,
         **{offer.distribution: offer.version for offer in sorted(offers, key=lambda offer: offer.distribution)},
     }
 
