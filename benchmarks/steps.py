@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from tickfix.api import Samples
-from tickfix.toolkit.step_signal import Extremum, GaitState, SignalState, detect_extrema, detect_steps
-from tickfix_pdr.multi_threshold import MultiThresholdParams, StepState, StepThresholds, detect_steps_from_extrema
+from tickfix.toolkit.step_signal import Extremum, StepDetectorState, StepSignalState, detect_extrema, detect_steps
+from tickfix_pdr.multi_threshold import ExtremaState, MultiThresholdParams, StepThresholds, detect_steps_from_extrema
 from tickfix_pdr.steps import StepsParams
 
 LOW_PASS_HZ = (1.5, 2.0, 2.5, 3.0, 4.0)
@@ -55,11 +55,11 @@ def multi_threshold(walk: Walk) -> Mapping[Choice, int]:
     """Return the steps that ``multi-threshold`` finds with each low-pass, amplitude and time between peaks."""
     counts = {}
     for low_pass_hz in LOW_PASS_HZ:
-        extrema: Sequence[Extremum] = detect_extrema(SignalState(), walk.accelerometer, low_pass_hz)[1]
+        extrema: Sequence[Extremum] = detect_extrema(StepSignalState(), walk.accelerometer, low_pass_hz)[1]
         for amplitude, min_peak_interval_s in product(AMPLITUDES, BETWEEN_S):
             thresholds = StepThresholds(amplitude, min_peak_interval_s, MultiThresholdParams().stationary_after_s)
             counts[low_pass_hz, amplitude, min_peak_interval_s] = len(
-                detect_steps_from_extrema(StepState(), extrema, thresholds)[1]
+                detect_steps_from_extrema(ExtremaState(), extrema, thresholds)[1]
             )
     return counts
 
@@ -73,7 +73,7 @@ def count_by_steps(walk: Walk, choice: Choice) -> int:
     """Return the steps that the pdr ``steps`` finds with one choice."""
     low_pass_hz, threshold, min_step_interval_s = choice
     found = detect_steps(
-        GaitState(),
+        StepDetectorState(),
         walk.accelerometer,
         low_pass_hz=low_pass_hz,
         threshold=threshold,

@@ -62,7 +62,7 @@ def delete_expired_segments(folder: Path, settings: JournalSettings, wall_ns: in
 
 
 _MIN_GROWTH_IN_SNAPSHOTS: Final = 4
-_MEGABYTE: Final = 1_000_000
+_BYTES_PER_MEGABYTE: Final = 1_000_000
 
 
 class JournalWriter:
@@ -182,7 +182,8 @@ class JournalWriter:
         age_s = (self._wall_ns() - self._segment_started_ns) * 1e-9
         grown = self._file.layout.offset + self._batch.size - self._snapshot_size
         return (
-            grown >= max(self._settings.segment_mb * _MEGABYTE, _MIN_GROWTH_IN_SNAPSHOTS * self._snapshot_size)
+            grown
+            >= max(self._settings.segment_mb * _BYTES_PER_MEGABYTE, _MIN_GROWTH_IN_SNAPSHOTS * self._snapshot_size)
             or age_s >= self._settings.segment_s
         )
 

@@ -208,7 +208,7 @@ def build_events(
 
     Args:
         entries: in the order of the file.
-        last_line_of_scans: number of the last line of each Wi-Fi scan, by its time in milliseconds.
+        scan_ends: number of the last line of each Wi-Fi scan, by its time in milliseconds.
         name: of the recording; it becomes device and session of the events.
         floor: of the waypoints.
         rejects: takes the records whose values cannot be.

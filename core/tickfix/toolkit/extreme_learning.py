@@ -130,7 +130,7 @@ def random_network(x: Floats, nodes: int, outputs: int, activation: str, rng: Rn
     return RegressionElm(activation, x.mean(axis=0), scale, a, b, np.zeros((nodes, outputs)))
 
 
-def train(
+def train_regression(
     x: Floats, t: Floats, fold: Ints, nodes: Sequence[int], *, activation: str, ridge: float, rng: Rng
 ) -> CrossValidatedElm:
     """Choose the number of hidden nodes by cross-validation and train on all samples.

@@ -45,18 +45,20 @@ _FIXES_TO_CHANGE_FLOOR: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
-class OnFloor:
+class FloorHysteresis:
     """The floor believed in, and how often in a row another one was observed."""
 
     floor: str
     candidate: str = ""
     candidate_fixes: int = 0
 
-    def observe(self, floor: str) -> OnFloor:
+    def observe(self, floor: str) -> FloorHysteresis:
         """Return what to believe after a fix on ``floor``."""
         if floor == self.floor:
-            return OnFloor(self.floor)
+            return FloorHysteresis(self.floor)
         candidate_fixes = self.candidate_fixes + 1 if floor == self.candidate else 1
         return (
-            OnFloor(floor) if candidate_fixes >= _FIXES_TO_CHANGE_FLOOR else OnFloor(self.floor, floor, candidate_fixes)
+            FloorHysteresis(floor)
+            if candidate_fixes >= _FIXES_TO_CHANGE_FLOOR
+            else FloorHysteresis(self.floor, floor, candidate_fixes)
         )

@@ -23,7 +23,7 @@ _MAX_DT_S: Final = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class SignalState:
+class StepSignalState:
     """Where the signal is.
 
     Attributes:
@@ -49,8 +49,8 @@ class Extremum:
 
 
 def detect_extrema(
-    state: SignalState, accelerometer: Samples, low_pass_hz: float
-) -> tuple[SignalState, list[Extremum]]:
+    state: StepSignalState, accelerometer: Samples, low_pass_hz: float
+) -> tuple[StepSignalState, list[Extremum]]:
     """Fold samples into the signal; return the new state and the extrema passed.
 
     Args:
@@ -73,17 +73,11 @@ def detect_extrema(
                 extrema.append(Extremum(t_ns, before, rising))
             rising = not rising
         t_ns = now_ns
-    return SignalState(t_ns, gravity, low_1, low_2, rising), extrema
-
-
-_DETECTOR_GRAVITY: Final = 9.81
-_DETECTOR_GRAVITY_S: Final = 2.0
-_DETECTOR_MIN_DT_S: Final = 1e-3
-_DETECTOR_MAX_DT_S: Final = 0.2
+    return StepSignalState(t_ns, gravity, low_1, low_2, rising), extrema
 
 
 @dataclass(frozen=True, slots=True)
-class GaitState:
+class StepDetectorState:
     """Where in a step the signal is.
 
     Attributes:
@@ -95,7 +89,7 @@ class GaitState:
     """
 
     t_ns: int = -1
-    gravity: float = _DETECTOR_GRAVITY
+    gravity: float = _STANDARD_GRAVITY
     low_1: float = 0.0
     low_2: float = 0.0
     falling: bool = False
@@ -114,8 +108,13 @@ class DetectedStep:
 
 
 def detect_steps(
-    state: GaitState, accelerometer: Samples, *, low_pass_hz: float, threshold: float, min_step_interval_s: float
-) -> tuple[GaitState, list[DetectedStep]]:
+    state: StepDetectorState,
+    accelerometer: Samples,
+    *,
+    low_pass_hz: float,
+    threshold: float,
+    min_step_interval_s: float,
+) -> tuple[StepDetectorState, list[DetectedStep]]:
     """Fold samples into the gait; return the new state and the steps completed.
 
     Args:
@@ -136,9 +135,9 @@ def detect_steps(
     steps: list[DetectedStep] = []
     lengths = ((accelerometer.values**2).sum(axis=1) ** 0.5).tolist()
     for now_ns, length in zip(accelerometer.t_ns.tolist(), lengths, strict=True):
-        dt = 0.02 if t_ns < 0 else min(max((now_ns - t_ns) * 1e-9, _DETECTOR_MIN_DT_S), _DETECTOR_MAX_DT_S)
+        dt = _FIRST_DT_S if t_ns < 0 else min(max((now_ns - t_ns) * 1e-9, _MIN_DT_S), _MAX_DT_S)
         t_ns = now_ns
-        gravity += (length - gravity) * dt / (_DETECTOR_GRAVITY_S + dt)
+        gravity += (length - gravity) * dt / (_GRAVITY_TIME_CONSTANT_S + dt)
         gain = 1.0 - math.exp(-2.0 * math.pi * low_pass_hz * dt)
         low_1 += gain * (length - gravity - low_1)
         low_2 += gain * (low_1 - low_2)
@@ -157,7 +156,7 @@ def detect_steps(
                 steps.append(DetectedStep(peak_ns, peak - valley))
                 last_ns = peak_ns
             falling, peak, peak_ns = False, low_2, now_ns
-    return GaitState(t_ns, gravity, low_1, low_2, falling, peak, peak_ns, valley, last_ns), steps
+    return StepDetectorState(t_ns, gravity, low_1, low_2, falling, peak, peak_ns, valley, last_ns), steps
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from tickfix.api import Belief, Fix, Floats, Motion, NoParams, PredictUpdateFilt
 
 
 @dataclass(frozen=True, slots=True)
-class Reckoned:
+class DeadReckoningState:
     """Where the steps have led.
 
     The uncertainties that stay for the whole walk are kept as what they multiply: the way so far (2,) by the person's
@@ -28,18 +28,18 @@ class Reckoned:
     speed_mps: float = 0.0
 
 
-class DeadReckoning(PredictUpdateFilter[NoParams, Reckoned]):
+class DeadReckoning(PredictUpdateFilter[NoParams, DeadReckoningState]):
     """Adds up motion; fixes after the first are not used, so errors accumulate."""
 
     name = "dead-reckoning"
     source = "[jiang2015] eq. (13), PDR-only baseline of [wang2015]"
-    State = Reckoned
+    State = DeadReckoningState
 
-    def begin(self, fix: Fix, rng: Rng) -> Reckoned:  # noqa: ARG002
+    def begin(self, fix: Fix, rng: Rng) -> DeadReckoningState:  # noqa: ARG002
         """Start at the fix."""
-        return Reckoned(fix.floor, fix.xy, fix.covariance, np.zeros((2, 2)), np.zeros(2))
+        return DeadReckoningState(fix.floor, fix.xy, fix.covariance, np.zeros((2, 2)), np.zeros(2))
 
-    def predict(self, state: Reckoned, motion: Motion, rng: Rng) -> Reckoned:  # noqa: ARG002
+    def predict(self, state: DeadReckoningState, motion: Motion, rng: Rng) -> DeadReckoningState:  # noqa: ARG002
         """Walk ``motion``: x += d·sin θ, y += d·cos θ."""
         heading = motion.heading_rad
         if heading is None:  # without compass, headings are relative to the unknown one at the start
@@ -60,12 +60,12 @@ class DeadReckoning(PredictUpdateFilter[NoParams, Reckoned]):
             speed_mps=motion.distance_m / ((motion.t1_ns - motion.t0_ns) * 1e-9),
         )
 
-    def update(self, state: Reckoned, fix: Fix, rng: Rng) -> tuple[Reckoned, Report]:  # noqa: ARG002
+    def update(self, state: DeadReckoningState, fix: Fix, rng: Rng) -> tuple[DeadReckoningState, Report]:  # noqa: ARG002
         """Do nothing; only say how far off the fix is."""
         innovation_m = float(np.hypot(*(fix.xy - state.xy))) if fix.floor == state.floor else None
         return state, Report(innovation_m=innovation_m)
 
-    def estimate(self, state: Reckoned) -> Belief:
+    def estimate(self, state: DeadReckoningState) -> Belief:
         """Say where the steps have led."""
         turned = np.array([state.net_displacement[1], -state.net_displacement[0]])
         covariance = state.start_covariance + state.white_covariance

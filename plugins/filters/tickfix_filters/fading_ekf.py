@@ -37,7 +37,7 @@ from tickfix.api import (
     parameter,
     wrap_rad,
 )
-from tickfix.toolkit.fix_errors import OnFloor
+from tickfix.toolkit.fix_errors import FloorHysteresis
 
 FadingMethod: TypeAlias = Literal["trace", "pinv", "off"]
 """tr N / tr M of the place, tr(N·M⁺)/rank M of all rows, or 1."""
@@ -158,7 +158,7 @@ _N_E = [1, 0]  # the floor's frame has x = E before y = N
 
 
 @dataclass(frozen=True, slots=True)
-class Fading:
+class FadingState:
     """X (4,), its covariance P (4, 4), and what was measured since the last fix.
 
     Attributes:
@@ -207,13 +207,13 @@ class FixCorrection:
         )
 
 
-def begin(xy: Floats, covariance: Floats, params: FadingParams) -> Fading:
+def initial_state(xy: Floats, covariance: Floats, params: FadingParams) -> FadingState:
     """Return the state at a fix (2,) with covariance (2, 2), floor frame."""
     P = np.zeros((4, 4))
     P[:2, :2] = _R_wifi(covariance, params)
     P[[2, 3], [2, 3]] = params.speed_sigma_mps**2
     place = frozen(xy[_N_E])
-    return Fading(
+    return FadingState(
         X=frozen([*place, 0.0, 0.0]),
         P=frozen(P),
         V=frozen(np.zeros((5, 5))),
@@ -223,7 +223,7 @@ def begin(xy: Floats, covariance: Floats, params: FadingParams) -> Fading:
     )
 
 
-def accumulate_motion(state: Fading, motion: Motion) -> Fading:
+def accumulate_motion(state: FadingState, motion: Motion) -> FadingState:
     """Return the state with a tick's motion added to the way since the last fix."""
     since_fix_s = state.since_fix_s + (motion.t1_ns - motion.t0_ns) * 1e-9
     if motion.heading_rad is None:
@@ -232,7 +232,7 @@ def accumulate_motion(state: Fading, motion: Motion) -> Fading:
     return replace(state, since_fix_s=since_fix_s, odometry=frozen(odometry), heading_rad=motion.heading_rad)
 
 
-def extrapolate(state: Fading, params: FadingParams) -> tuple[Floats, Floats]:
+def extrapolate(state: FadingState, params: FadingParams) -> tuple[Floats, Floats]:
     """Return place (2,) and covariance (2, 2) now, floor frame: dead reckoned, or by the speed without a compass."""
     if state.since_fix_s == 0.0:
         return state.X[_N_E], state.P[:2, :2][_N_E][:, _N_E]
@@ -245,19 +245,21 @@ def extrapolate(state: Fading, params: FadingParams) -> tuple[Floats, Floats]:
     return place[_N_E], P[_N_E][:, _N_E]
 
 
-def velocity(state: Fading) -> Floats:
+def velocity(state: FadingState) -> Floats:
     """Return the velocity (2,) at the last fix, floor frame."""
     return state.X[2:][_N_E]
 
 
-def speed_and_heading(state: Fading) -> tuple[float, float | None]:
+def speed_and_heading(state: FadingState) -> tuple[float, float | None]:
     """Return speed in m/s and heading: the compass's, without one that of the velocity, None while standing."""
     v = velocity(state)
     heading = heading_of(v) if state.heading_rad is None and v.any() else state.heading_rad
     return float(np.hypot(*v)), heading
 
 
-def correct(state: Fading, xy: Floats, covariance: Floats, params: FadingParams) -> tuple[Fading, FixCorrection]:
+def correct_by_fix(
+    state: FadingState, xy: Floats, covariance: Floats, params: FadingParams
+) -> tuple[FadingState, FixCorrection]:
     """Return the state corrected by a fix (2,) with covariance (2, 2), floor frame, and by the motion before it."""
     t, wifi = state.since_fix_s, xy[_N_E]
     X, PhiPPhi, Q = predict_state(state.X, state.P, state.since_fix_s, params)
@@ -320,20 +322,20 @@ class FadingEkfParams(FadingParams):
 
 
 @dataclass(frozen=True, slots=True)
-class OnFloorFading:
+class FadingEkfState:
     """The filter's state and the floor it is on."""
 
-    hysteresis: OnFloor
-    ekf: Fading
+    hysteresis: FloorHysteresis
+    ekf: FadingState
 
 
-class FadingEkf(PredictUpdateFilter[FadingEkfParams, OnFloorFading]):
+class FadingEkf(PredictUpdateFilter[FadingEkfParams, FadingEkfState]):
     """Fixes, pseudo-odometry and heading in an extended Kalman filter that trusts the past less when it erred."""
 
     name = "fading-ekf"
     source = "[wang2015] section 4, eqs. (8)–(22); [zhou1996] for the residuals' covariance"
     Params = FadingEkfParams
-    State = OnFloorFading
+    State = FadingEkfState
     presets: ClassVar[Mapping[str, Preset]] = {
         "wang2015": Preset(
             source="[wang2015] section 4, eq. (22) as printed",
@@ -345,25 +347,25 @@ class FadingEkf(PredictUpdateFilter[FadingEkfParams, OnFloorFading]):
         ),
     }
 
-    def begin(self, fix: Fix, rng: Rng) -> OnFloorFading:  # noqa: ARG002
+    def begin(self, fix: Fix, rng: Rng) -> FadingEkfState:  # noqa: ARG002
         """Stand at the fix."""
-        return OnFloorFading(OnFloor(fix.floor), begin(fix.xy, fix.covariance, self.params))
+        return FadingEkfState(FloorHysteresis(fix.floor), initial_state(fix.xy, fix.covariance, self.params))
 
-    def predict(self, state: OnFloorFading, motion: Motion, rng: Rng) -> OnFloorFading:  # noqa: ARG002
+    def predict(self, state: FadingEkfState, motion: Motion, rng: Rng) -> FadingEkfState:  # noqa: ARG002
         """Carry the motion until the next fix."""
         return replace(state, ekf=accumulate_motion(state.ekf, motion))
 
-    def update(self, state: OnFloorFading, fix: Fix, rng: Rng) -> tuple[OnFloorFading, Report]:
+    def update(self, state: FadingEkfState, fix: Fix, rng: Rng) -> tuple[FadingEkfState, Report]:
         """Predict to this instant and correct."""
         hysteresis = state.hysteresis.observe(fix.floor)
         if hysteresis.floor != state.hysteresis.floor:
             return self.begin(fix, rng), Report(used=1, reasons=("changed floor",))
         if fix.floor != hysteresis.floor:
             return replace(state, hysteresis=hysteresis), Report(gated=1, reasons=("fix on another floor",))
-        ekf, correction = correct(state.ekf, fix.xy, fix.covariance, self.params)
-        return OnFloorFading(hysteresis, ekf), correction.report
+        ekf, correction = correct_by_fix(state.ekf, fix.xy, fix.covariance, self.params)
+        return FadingEkfState(hysteresis, ekf), correction.report
 
-    def estimate(self, state: OnFloorFading) -> Belief:
+    def estimate(self, state: FadingEkfState) -> Belief:
         """Say the place, dead reckoned since the last fix."""
         xy, covariance = extrapolate(state.ekf, self.params)
         speed_mps, heading_rad = speed_and_heading(state.ekf)

@@ -17,7 +17,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 
 from tickfix.api import Belief, Fix, Floats, FloorMap, Motion, Preset, Rng, frozen, parameter, wrap_rad
-from tickfix.toolkit.fix_errors import FixErrorParams, OnFloor, sigma_per_axis_m
+from tickfix.toolkit.fix_errors import FixErrorParams, FloorHysteresis, sigma_per_axis_m
 from tickfix.toolkit.particles import normal_pairs, normalise_log_weights, spatial_median, weighted_mean
 from tickfix.toolkit.walkable_area import WallDirections
 
@@ -189,7 +189,7 @@ class BiasPrior:
 
 
 @dataclass(frozen=True, slots=True)
-class Unseen:
+class DriftSinceFix:
     """How unsure a walk since the last fix is, where particles that are weighed by it do not spread.
 
     Attributes:
@@ -201,11 +201,11 @@ class Unseen:
     bias: float = 0.0
     white_m2: float = 0.0
 
-    def with_motion(self, motion: Motion) -> Unseen:
+    def with_motion(self, motion: Motion) -> DriftSinceFix:
         """Return it after a tick."""
         white_m2 = motion.distance_sigma_m**2 + (motion.distance_m * min(motion.heading_sigma_rad, 1.0)) ** 2
         bias = math.hypot(motion.distance_scale_sigma, min(motion.heading_bias_sigma_rad, 1.0))
-        return Unseen(self.walked_m + motion.distance_m, bias, self.white_m2 + white_m2)
+        return DriftSinceFix(self.walked_m + motion.distance_m, bias, self.white_m2 + white_m2)
 
     @property
     def variance_m2(self) -> float:
@@ -231,7 +231,7 @@ class Particles:
         drift_since_fix: what weighing by the motion result hides.
     """
 
-    hysteresis: OnFloor
+    hysteresis: FloorHysteresis
     xy: Floats
     bias_rad: Floats
     scale: Floats
@@ -244,7 +244,7 @@ class Particles:
     mean_nis: float = 1.0
     fix_quality: float = 1.0
     motion: BiasPrior | None = None
-    drift_since_fix: Unseen = Unseen()
+    drift_since_fix: DriftSinceFix = DriftSinceFix()
 
 
 _MAX_PARTICLES_PER_BATCH: Final = 16384  # particles in a batch: their arrays stay in the processor's cache

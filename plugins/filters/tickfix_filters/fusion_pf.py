@@ -46,14 +46,14 @@ from tickfix.api import (
     TrainedModel,
     displacement,
 )
-from tickfix.toolkit.fix_errors import OnFloor, sigma_per_axis_m
+from tickfix.toolkit.fix_errors import FloorHysteresis, sigma_per_axis_m
 from tickfix.toolkit.particles import effective_sample_size, normalise_log_weights, systematic_resample
 from tickfix.toolkit.walkable_area import WallDirections
 from tickfix_filters.fusion_model import (
     JIANG2015,
+    DriftSinceFix,
     FusionPfParams,
     Particles,
-    Unseen,
     batches,
     beliefs_of_particles,
     heading_rad,
@@ -120,7 +120,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         error = (fix.xy - xy) / sigma_per_axis_m(fix)
         fix_quality = self._fix_quality(fix)
         return Particles(
-            OnFloor(fix.floor),
+            FloorHysteresis(fix.floor),
             xy,
             np.zeros(n),
             np.zeros(n),
@@ -242,7 +242,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         if self.params.weight_without_fix == "nothing":
             return state, report
         if report.used:
-            return replace(state, drift_since_fix=Unseen()), report
+            return replace(state, drift_since_fix=DriftSinceFix()), report
         way = displacement(motion.distance_m, 0.0 if state.heading_rad is None else state.heading_rad)
         motion_result = mean_xy(before) + way  # eq. (13), and (17) with R = 0
         squares: Floats = ((motion_result - state.xy) ** 2).sum(axis=1) / self.params.fix_sigma_m**2

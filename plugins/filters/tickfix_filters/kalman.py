@@ -20,7 +20,7 @@ from typing import Annotated
 import numpy as np
 
 from tickfix.api import Belief, Fix, Floats, Motion, PredictUpdateFilter, Report, Rng, frozen, parameter
-from tickfix.toolkit.fix_errors import FixErrorParams, OnFloor, sigma_per_axis_m
+from tickfix.toolkit.fix_errors import FixErrorParams, FloorHysteresis, sigma_per_axis_m
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class KalmanParams(FixErrorParams):
 
 
 @dataclass(frozen=True, slots=True)
-class Gaussian:
+class KalmanState:
     """Mean m (6,) and covariance P (6, 6) of [x, y, b, s, u, v] in m, m, rad, 1, 1, 1."""
 
-    hysteresis: OnFloor
+    hysteresis: FloorHysteresis
     m: Floats
     p: Floats
     heading_rad: float | None = None
@@ -44,24 +44,24 @@ class Gaussian:
     has_moved: bool = False
 
 
-class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
+class Kalman(PredictUpdateFilter[KalmanParams, KalmanState]):
     """Extended Kalman filter over position, heading bias, step scale and the memory of fixes' errors."""
 
     name = "kalman"
     source = "[sun2013] eqs. (9)–(11), (16)–(17); [bryson1968] for the errors' memory"
     Params = KalmanParams
-    State = Gaussian
+    State = KalmanState
 
-    def begin(self, fix: Fix, rng: Rng) -> Gaussian:  # noqa: ARG002
+    def begin(self, fix: Fix, rng: Rng) -> KalmanState:  # noqa: ARG002
         """Start at the fix; the biases' uncertainty comes with the first motion."""
         sigma, error_correlation = sigma_per_axis_m(fix), self.params.error_correlation
         p = np.diag([sigma**2, sigma**2, 0.0, 0.0, error_correlation, error_correlation])
         p[[0, 1, 4, 5], [4, 5, 0, 1]] = (
             -sigma * error_correlation
         )  # the place is off by what the fix erred, the other way
-        return Gaussian(OnFloor(fix.floor), frozen([*fix.xy, 0.0, 0.0, 0.0, 0.0]), frozen(p))
+        return KalmanState(FloorHysteresis(fix.floor), frozen([*fix.xy, 0.0, 0.0, 0.0, 0.0]), frozen(p))
 
-    def predict(self, state: Gaussian, motion: Motion, rng: Rng) -> Gaussian:  # noqa: ARG002
+    def predict(self, state: KalmanState, motion: Motion, rng: Rng) -> KalmanState:  # noqa: ARG002
         """Walk the motion; [sun2013] eqs. (9) and (16)."""
         x, y, b, s, u, v = state.m.tolist()
         p = state.p
@@ -109,7 +109,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
         p = f @ p @ f.T + q  # eq. (16)
         return replace(state, m=m, p=_symmetric(p), heading_rad=heading, speed_mps=d / dt, has_moved=True)
 
-    def update(self, state: Gaussian, fix: Fix, rng: Rng) -> tuple[Gaussian, Report]:
+    def update(self, state: KalmanState, fix: Fix, rng: Rng) -> tuple[KalmanState, Report]:
         """Correct by the fix; [sun2013] eqs. (10), (11) and (17)."""
         hysteresis = state.hysteresis.observe(fix.floor)
         if hysteresis.floor != state.hysteresis.floor:
@@ -129,7 +129,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, Gaussian]):
         report = Report(used=1, innovation_m=float(np.hypot(*y)), nis=nis)
         return replace(state, hysteresis=hysteresis, m=frozen(m), p=_symmetric(p)), report
 
-    def estimate(self, state: Gaussian) -> Belief:
+    def estimate(self, state: KalmanState) -> Belief:
         """Say the mean and its covariance."""
         return Belief(
             floor=state.hysteresis.floor,

@@ -32,7 +32,7 @@ from tickfix.api import (
     heading_of,
     parameter,
 )
-from tickfix.toolkit.fix_errors import OnFloor
+from tickfix.toolkit.fix_errors import FloorHysteresis
 
 _H = np.eye(2, 4)  # eq. (17)
 
@@ -57,39 +57,39 @@ class KalmanMapParams:
 
 
 @dataclass(frozen=True, slots=True)
-class Walking:
+class KalmanMapState:
     """X (4,) = [x, y, v_x, v_y] in m and m/s and its covariance P (4, 4) at the last fix; now it is ``now_ns``."""
 
-    hysteresis: OnFloor
+    hysteresis: FloorHysteresis
     x: Floats
     p: Floats
     last_fix_ns: int
     now_ns: int
 
 
-class KalmanMap(PredictUpdateFilter[KalmanMapParams, Walking]):
+class KalmanMap(PredictUpdateFilter[KalmanMapParams, KalmanMapState]):
     """Kalman filter over position and velocity whose predictions the map corrects; motion is not used."""
 
     name = "kalman-map"
     source = "[sun2013] section 3.3, eqs. (9)–(17)"
     Params = KalmanMapParams
-    State = Walking
+    State = KalmanMapState
     presets: ClassVar[Mapping[str, Preset]] = {
         "sun2013": Preset(source="[sun2013] section 4.3.2", values={"acceleration_mps2": 0.05, "fix_variance_m2": 6.0})
     }
 
-    def begin(self, fix: Fix, rng: Rng) -> Walking:  # noqa: ARG002
+    def begin(self, fix: Fix, rng: Rng) -> KalmanMapState:  # noqa: ARG002
         """Stand at the fix, about to walk anywhere."""
         P = np.zeros((4, 4))
         P[:2, :2] = self._R(fix)
         P[[2, 3], [2, 3]] = self.params.speed_sigma_mps**2
-        return Walking(OnFloor(fix.floor), frozen([*fix.xy, 0.0, 0.0]), frozen(P), fix.t_ns, fix.t_ns)
+        return KalmanMapState(FloorHysteresis(fix.floor), frozen([*fix.xy, 0.0, 0.0]), frozen(P), fix.t_ns, fix.t_ns)
 
-    def predict(self, state: Walking, motion: Motion, rng: Rng) -> Walking:  # noqa: ARG002
+    def predict(self, state: KalmanMapState, motion: Motion, rng: Rng) -> KalmanMapState:  # noqa: ARG002
         """Let time pass."""
         return replace(state, now_ns=motion.t1_ns)
 
-    def update(self, state: Walking, fix: Fix, rng: Rng) -> tuple[Walking, Report]:
+    def update(self, state: KalmanMapState, fix: Fix, rng: Rng) -> tuple[KalmanMapState, Report]:
         """Predict to the instant of the fix, correct by the map and then by the fix."""
         hysteresis = state.hysteresis.observe(fix.floor)
         if hysteresis.floor != state.hysteresis.floor:
@@ -115,7 +115,7 @@ class KalmanMap(PredictUpdateFilter[KalmanMapParams, Walking]):
             state, hysteresis=hysteresis, x=frozen(X), p=frozen(0.5 * (P + P.T)), last_fix_ns=last_fix_ns
         ), report
 
-    def estimate(self, state: Walking) -> Belief:
+    def estimate(self, state: KalmanMapState) -> Belief:
         """Say the prediction for now."""
         X, P = self._predicted(state, state.now_ns, self.params.max_extrapolation_s)
         moving = bool(X[2:].any())
@@ -127,7 +127,7 @@ class KalmanMap(PredictUpdateFilter[KalmanMapParams, Walking]):
             heading_rad=heading_of(X[2:]) if moving else None,
         )
 
-    def _predicted(self, state: Walking, t_ns: int, longest_s: float = np.inf) -> tuple[Floats, Floats]:
+    def _predicted(self, state: KalmanMapState, t_ns: int, longest_s: float = np.inf) -> tuple[Floats, Floats]:
         """Return X' (4,) and P (4, 4) at ``t_ns``; a fix older than the last one counts as simultaneous with it."""
         dT = max(0, t_ns - state.last_fix_ns) * 1e-9
         if dT == 0.0:

@@ -27,7 +27,7 @@ from tickfix.api import (
     heading_of,
     parameter,
 )
-from tickfix_filters.dead_reckoning import DeadReckoning, Reckoned
+from tickfix_filters.dead_reckoning import DeadReckoning, DeadReckoningState
 
 _H = np.eye(2, 4)  # [sun2013] eq. (17)
 
@@ -46,33 +46,33 @@ class KalmanReckoningParams:
 
 
 @dataclass(frozen=True, slots=True)
-class Smoothed:
+class SmoothedReckoningState:
     """X (4,) = [x, y, v_x, v_y] in m and m/s and its covariance P (4, 4), behind what was reckoned."""
 
-    reckoned: Reckoned
+    reckoned: DeadReckoningState
     x: Floats
     p: Floats
 
 
-class KalmanReckoning(PredictUpdateFilter[KalmanReckoningParams, Smoothed]):
+class KalmanReckoning(PredictUpdateFilter[KalmanReckoningParams, SmoothedReckoningState]):
     """Smooths what motion adds up to; fixes after the first are not used, so errors accumulate."""
 
     name = "kalman-reckoning"
     source = "[jiang2015] section 8.3.1, Table 4; [sun2013] eqs. (9)–(11), (16)–(17)"
     Params = KalmanReckoningParams
-    State = Smoothed
+    State = SmoothedReckoningState
 
     def __init__(self, params: KalmanReckoningParams, context: Context, trained: TrainedModel | None = None) -> None:
         """Take dead reckoning along."""
         super().__init__(params, context, trained)
         self._reckoning = DeadReckoning(NoParams(), context)
 
-    def begin(self, fix: Fix, rng: Rng) -> Smoothed:
+    def begin(self, fix: Fix, rng: Rng) -> SmoothedReckoningState:
         """Stand at the fix, about to walk anywhere."""
         P = np.diag([self.params.position_sigma_m**2] * 2 + [self.params.speed_sigma_mps**2] * 2)
-        return Smoothed(self._reckoning.begin(fix, rng), frozen([*fix.xy, 0.0, 0.0]), frozen(P))
+        return SmoothedReckoningState(self._reckoning.begin(fix, rng), frozen([*fix.xy, 0.0, 0.0]), frozen(P))
 
-    def predict(self, state: Smoothed, motion: Motion, rng: Rng) -> Smoothed:
+    def predict(self, state: SmoothedReckoningState, motion: Motion, rng: Rng) -> SmoothedReckoningState:
         """Add the motion up and observe the place it leads to."""
         reckoned = self._reckoning.predict(state.reckoned, motion, rng)
         T = (motion.t1_ns - motion.t0_ns) * 1e-9
@@ -86,13 +86,13 @@ class KalmanReckoning(PredictUpdateFilter[KalmanReckoningParams, Smoothed]):
         I_KH = np.eye(4) - K @ _H
         # P = (I − K H) P, written so that rounding cannot cost its symmetry or sign.
         P = I_KH @ P @ I_KH.T + K @ R @ K.T
-        return Smoothed(reckoned, frozen(X + K @ (reckoned.xy - _H @ X)), frozen(0.5 * (P + P.T)))
+        return SmoothedReckoningState(reckoned, frozen(X + K @ (reckoned.xy - _H @ X)), frozen(0.5 * (P + P.T)))
 
-    def update(self, state: Smoothed, fix: Fix, rng: Rng) -> tuple[Smoothed, Report]:
+    def update(self, state: SmoothedReckoningState, fix: Fix, rng: Rng) -> tuple[SmoothedReckoningState, Report]:
         """Do nothing; only say how far off the fix is."""
         return state, self._reckoning.update(state.reckoned, fix, rng)[1]
 
-    def estimate(self, state: Smoothed) -> Belief:
+    def estimate(self, state: SmoothedReckoningState) -> Belief:
         """Say the smoothed place, as unsure as what was reckoned and the smoothing together."""
         moving = bool(state.x[2:].any())
         return Belief(

@@ -37,16 +37,16 @@ from tickfix.api import (
     frozen,
     parameter,
 )
-from tickfix.toolkit.fix_errors import OnFloor
+from tickfix.toolkit.fix_errors import FloorHysteresis
 from tickfix.toolkit.particles import normalise_log_weights, systematic_resample
 from tickfix.toolkit.walkable_area import outside_walkable, sample_around
 from tickfix_filters.fading_ekf import (
-    Fading,
     FadingParams,
+    FadingState,
     accumulate_motion,
-    begin,
-    correct,
+    correct_by_fix,
     extrapolate,
+    initial_state,
     speed_and_heading,
     velocity,
 )
@@ -95,8 +95,8 @@ class MapParticles:
         depletions, lockouts: how often they began anew, and why.
     """
 
-    hysteresis: OnFloor
-    ekf: Fading
+    hysteresis: FloorHysteresis
+    ekf: FadingState
     xy: Floats
     log_weights: Floats
     distant_fixes: int = 0
@@ -126,9 +126,11 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
 
     def begin(self, fix: Fix, rng: Rng) -> MapParticles:
         """Step 1 of section 5.1: scatter the particles around the fix."""
-        ekf = begin(fix.xy, fix.covariance, self.params)
+        ekf = initial_state(fix.xy, fix.covariance, self.params)
         n = self.params.particles
-        return MapParticles(OnFloor(fix.floor), ekf, self._sample_around_ekf(ekf, fix.floor, rng), frozen(np.zeros(n)))
+        return MapParticles(
+            FloorHysteresis(fix.floor), ekf, self._sample_around_ekf(ekf, fix.floor, rng), frozen(np.zeros(n))
+        )
 
     def step(
         self, state: MapParticles, motion: Motion, observations: Sequence[Observation], rng: Rng
@@ -168,7 +170,7 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
             return initial, Report(used=1, reasons=("changed floor",))
         if fix.floor != hysteresis.floor:
             return replace(state, hysteresis=hysteresis), Report(gated=1, reasons=("fix on another floor",))
-        ekf, correction = correct(state.ekf, fix.xy, fix.covariance, self.params)
+        ekf, correction = correct_by_fix(state.ekf, fix.xy, fix.covariance, self.params)
         place, _ = extrapolate(ekf, self.params)
         resampled = self._resample(replace(state, hysteresis=hysteresis, ekf=ekf), place, rng)
         off = place - normalise_log_weights(resampled.log_weights) @ resampled.xy
@@ -218,7 +220,7 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         xy = self._sample_around_ekf(state.ekf, state.hysteresis.floor, rng)
         return replace(state, xy=xy, log_weights=frozen(np.zeros(len(xy))), distant_fixes=0)
 
-    def _sample_around_ekf(self, ekf: Fading, floor: str, rng: Rng) -> Floats:
+    def _sample_around_ekf(self, ekf: FadingState, floor: str, rng: Rng) -> Floats:
         """Draw N places around the EKF's, those preferred where one can stand."""
         place, covariance = extrapolate(ekf, self.params)
         sigma_m = math.sqrt(0.5 * float(np.trace(covariance)))

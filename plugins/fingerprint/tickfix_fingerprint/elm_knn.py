@@ -91,7 +91,7 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
             outputs = (h @ self._elm["beta"])[0]
         chosen = np.argsort(-outputs, kind="stable")[: self.params.k]
         dis = np.sqrt(((self._means[chosen] - rss) ** 2).sum(axis=1))  # [jiang2015] eq. (20)
-        w = weights(dis)
+        w = distance_weights(dis)
         floors = self._floor[chosen]
         floor = int(np.bincount(floors, weights=w).argmax())
         here = floors == floor
@@ -129,7 +129,7 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
         return rows
 
 
-def weights(dis: Floats) -> Floats:
+def distance_weights(dis: Floats) -> Floats:
     """Return the weights (K,) of neighbours at distances ``dis`` (K,) ≥ 0: ≥ 0, summing to one.
 
     Where all are at distance 0 (or there is one only) the equation says nothing, and all weigh the same.

@@ -53,7 +53,7 @@ def matching_matrix(I_model: Bools, I_no_model: Bools) -> MatchingMatrix:
     return np.where(I_no_model, I_match, np.int8(0))
 
 
-def plan(floor: Floor, origin: Floats, shape: tuple[int, int], pixel_m: float) -> tuple[Bools, Bools]:
+def rasterise_floor(floor: Floor, origin: Floats, shape: tuple[int, int], pixel_m: float) -> tuple[Bools, Bools]:
     """Return I_no_model (h, w) of a floor's vector geometry, south row first, from ``origin`` (2,) on, and its lines.
 
     The lines (h, w) are walls and edges: a move crosses these, while one within an obstacle or off the floor does not.
@@ -151,7 +151,7 @@ class Image(BaseMap[ImageParams]):
         else:
             self._origin, extent = _drawing_extent(floor, params.resolution_m)
             columns, rows = np.ceil(extent / params.resolution_m).astype(int)
-            I_no_model, lines = plan(floor, self._origin, (rows, columns), params.resolution_m)
+            I_no_model, lines = rasterise_floor(floor, self._origin, (rows, columns), params.resolution_m)
             extent = np.array([columns, rows]) * params.resolution_m
             self._lines = frozen(np.pad(lines, 1), np.bool_)
         self._pixel_m = extent / np.maximum(I_no_model.shape[::-1], 1)

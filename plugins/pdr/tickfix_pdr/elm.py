@@ -27,11 +27,10 @@ from tickfix.api import (
     parameter,
     wrap_rad,
 )
-from tickfix.toolkit.extreme_learning import RegressionElm
-from tickfix.toolkit.extreme_learning import train as fit
+from tickfix.toolkit.extreme_learning import RegressionElm, train_regression
 from tickfix.toolkit.heading import integrate_yaw, update_gravity
 from tickfix_pdr.elm_features import (
-    Felt,
+    SensorSums,
     assign_folds,
     heading_features,
     headings_of_outputs,
@@ -101,7 +100,7 @@ class ElmParams:
 _MIN_WINDOWS = 50
 
 
-def train(params: ElmParams, survey: Survey, rng: Rng) -> TrainedModel:
+def train_networks(params: ElmParams, survey: Survey, rng: Rng) -> TrainedModel:
     """Train both networks on the survey's walks.
 
     Returns:
@@ -125,7 +124,7 @@ def train(params: ElmParams, survey: Survey, rng: Rng) -> TrainedModel:
     def fold(walk: Ints) -> Ints:
         return assign_folds(walk, chain, params.fold_count, keep_chains=params.keep_chains, rng=rng)
 
-    v = fit(
+    v = train_regression(
         velocity.x,
         velocity.t[:, None],
         fold(velocity.walk),
@@ -134,7 +133,7 @@ def train(params: ElmParams, survey: Survey, rng: Rng) -> TrainedModel:
         ridge=params.ridge,
         rng=rng,
     )
-    o = fit(
+    o = train_regression(
         heading.x,
         np.stack([np.sin(heading.t), np.cos(heading.t)], axis=1) if params.as_vector else heading.t[:, None],
         fold(heading.walk),
@@ -200,7 +199,7 @@ class ElmState:
     gyroscope_ns: int = -1
     shake: float = -1.0
     travelled_m: float = 0.0
-    recent_sums: tuple[Felt, ...] = ()
+    recent_sums: tuple[SensorSums, ...] = ()
 
 
 class ElmPdr(BasePdr[ElmParams]):
@@ -302,5 +301,5 @@ class ElmPdr(BasePdr[ElmParams]):
 
     @staticmethod
     def train(params: ElmParams, survey: Survey, rng: Rng) -> TrainedModel:
-        """Train both networks on the survey's walks, see :func:`~tickfix_pdr.elm.train`."""
-        return train(params, survey, rng)
+        """Train both networks on the survey's walks, see :func:`~tickfix_pdr.elm.train_networks`."""
+        return train_networks(params, survey, rng)

@@ -35,7 +35,7 @@ class LabelledWindows:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Felt:
+class SensorSums:
     """Sums of samples, of which the means over any number of ticks are made, eq. (3).
 
     Attributes:
@@ -48,7 +48,7 @@ class Felt:
     counts: Floats
 
 
-def sum_samples(samples: MotionSamples) -> Felt:
+def sum_samples(samples: MotionSamples) -> SensorSums:
     """Return the sums over a tick, or over any span."""
     sums, counts = np.zeros(13), np.zeros(4)
     for i, name in enumerate(("accelerometer", "gyroscope", "magnetometer")):
@@ -61,20 +61,20 @@ def sum_samples(samples: MotionSamples) -> Felt:
             rotation.values * np.where(rotation.values @ rotation.values[0] < 0.0, -1.0, 1.0)[:, None]
         )  # q and −q are one
         sums[9:], counts[3] = q.sum(axis=0), len(rotation)
-    return Felt(frozen(sums), frozen(counts))
+    return SensorSums(frozen(sums), frozen(counts))
 
 
-def merge_sums(parts: Sequence[Felt]) -> Felt:
+def merge_sums(parts: Sequence[SensorSums]) -> SensorSums:
     """Return the sums over a window of at least one tick."""
     if len(parts) == 1:
         return parts[0]
     sums = np.array([part.sums for part in parts])
     first = sums[np.argmax(np.abs(sums[:, 9:]).sum(axis=1) > 0.0), 9:]
     sums[sums[:, 9:] @ first < 0.0, 9:] *= -1.0
-    return Felt(frozen(sums.sum(axis=0)), frozen(np.sum([part.counts for part in parts], axis=0)))
+    return SensorSums(frozen(sums.sum(axis=0)), frozen(np.sum([part.counts for part in parts], axis=0)))
 
 
-def velocity_features(window: Felt) -> Floats | None:
+def velocity_features(window: SensorSums) -> Floats | None:
     """Return acc.x, y, z, gyr.x, y, z (6,), eq. (1); None where a sensor is silent."""
     if not window.counts[:2].all():
         return None
@@ -82,7 +82,7 @@ def velocity_features(window: Felt) -> Floats | None:
     return means
 
 
-def heading_features(window: Felt, *, as_vector: bool) -> Floats | None:
+def heading_features(window: SensorSums, *, as_vector: bool) -> Floats | None:
     """Return ori.x, y, z in radians and mag.x, y, z in µT (6,), eq. (2); None where a sensor is silent.
 
     ``as_vector``: ori.x as its sine and cosine (7,), so that what is felt does not jump where the azimuth does.

@@ -9,7 +9,13 @@ from typing import Annotated, ClassVar
 from tickfix.api import BasePdr, Context, Motion, MotionSamples, Preset, Rng, Survey, TrainedModel, parameter, wrap_rad
 from tickfix.toolkit.calibration import calibrate
 from tickfix.toolkit.heading import HeadingState, update_heading
-from tickfix.toolkit.step_signal import DetectedStep, GaitState, StepErrorParams, detect_steps, motion_from_steps
+from tickfix.toolkit.step_signal import (
+    DetectedStep,
+    StepDetectorState,
+    StepErrorParams,
+    detect_steps,
+    motion_from_steps,
+)
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,7 @@ class GaitParams(StepErrorParams):
 class GaitPdrState:
     """Gait, heading, the time since the last step, and what was walked."""
 
-    gait: GaitState = field(default_factory=GaitState)
+    gait: StepDetectorState = field(default_factory=StepDetectorState)
     heading: HeadingState = field(default_factory=HeadingState)
     since_step_s: float = 0.0
     travelled_m: float = 0.0

@@ -37,7 +37,7 @@ from tickfix.api import (
 )
 from tickfix.toolkit.calibration import calibrate
 from tickfix.toolkit.heading import azimuth_from_quaternions, compass_heading, integrate_yaw, update_gravity
-from tickfix.toolkit.step_signal import Extremum, SignalState, StepErrorParams, detect_extrema, motion_from_steps
+from tickfix.toolkit.step_signal import Extremum, StepErrorParams, StepSignalState, detect_extrema, motion_from_steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class StepThresholds:
 
 
 @dataclass(frozen=True, slots=True)
-class StepState:
+class ExtremaState:
     """The true extrema so far.
 
     Attributes:
@@ -84,15 +84,15 @@ class MultiThresholdStep:
 
 
 def detect_steps_from_extrema(
-    state: StepState, extrema: Iterable[Extremum], thresholds: StepThresholds
-) -> tuple[StepState, tuple[MultiThresholdStep, ...]]:
+    state: ExtremaState, extrema: Iterable[Extremum], thresholds: StepThresholds
+) -> tuple[ExtremaState, tuple[MultiThresholdStep, ...]]:
     """Fold extrema in their order; return the new state and the steps completed."""
     steps: list[MultiThresholdStep] = []
     for extremum in extrema:
         if abs(extremum.a) < thresholds.amplitude:
             continue  # a_p < δ_ap, a_v < δ_av: a false one by any of the four equations
         if state.active_ns >= 0 and _at_least_apart(state.active_ns, extremum.t_ns, thresholds.stationary_after_s):
-            state = StepState()  # stood: what was before belongs to no step
+            state = ExtremaState()  # stood: what was before belongs to no step
         state = replace(state, active_ns=extremum.t_ns)
         if extremum.peak and extremum.a > 0.0:
             state = _with_peak(state, extremum, thresholds)
@@ -104,7 +104,7 @@ def detect_steps_from_extrema(
     return state, tuple(steps)
 
 
-def _with_peak(state: StepState, peak: Extremum, d: StepThresholds) -> StepState:
+def _with_peak(state: ExtremaState, peak: Extremum, d: StepThresholds) -> ExtremaState:
     true = _at_least_apart(state.peak_ns, peak.t_ns, d.min_peak_interval_s)  # Δt_p ≥ δ(Δt_p)
     true = true and _at_least_apart(state.valley_ns, peak.t_ns, d.min_peak_interval_s / 2.0)  # Δt_pv ≥ δ(Δt_pv)
     if state.surplus == 1:
@@ -112,7 +112,7 @@ def _with_peak(state: StepState, peak: Extremum, d: StepThresholds) -> StepState
     return replace(state, surplus=1, peak_ns=peak.t_ns, a_p=peak.a) if true else state
 
 
-def _with_valley(state: StepState, valley: Extremum, d: StepThresholds) -> StepState:
+def _with_valley(state: ExtremaState, valley: Extremum, d: StepThresholds) -> ExtremaState:
     true = state.peak_ns >= 0  # a valley before the first peak ends no step
     true = true and _at_least_apart(state.valley_ns, valley.t_ns, d.min_peak_interval_s)  # Δt_v ≥ δ(Δt_v)
     true = true and _at_least_apart(state.peak_ns, valley.t_ns, d.min_peak_interval_s / 2.0)  # Δt_vp ≥ δ(Δt_vp)
@@ -229,8 +229,8 @@ class MultiThresholdState:
         travelled_m: so far.
     """
 
-    signal: SignalState = field(default_factory=SignalState)
-    steps: StepState = field(default_factory=StepState)
+    signal: StepSignalState = field(default_factory=StepSignalState)
+    steps: ExtremaState = field(default_factory=ExtremaState)
     up: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gyroscope_ns: int = -1
     heading_rad: float | None = None

@@ -42,7 +42,7 @@ class PseudoOdometryState:
         elapsed_ns: since the last reading.
         distance_m: cumulative PDR distance less that of the last reading.
         east, north: the same as a displacement, metres.
-        sigma_per_axis_m: white uncertainty of the distance.
+        sigma_m: white uncertainty of the distance, metres.
         travelled_m: the odometer's last reading.
     """
 

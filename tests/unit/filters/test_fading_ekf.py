@@ -9,7 +9,7 @@ import pytest
 from walks import errors, fixes, fold, walk
 
 from tickfix.api import TICK_NS, Context, Fix, Motion
-from tickfix_filters.fading_ekf import FadingEkf, FadingEkfParams, accumulate_motion, begin, correct
+from tickfix_filters.fading_ekf import FadingEkf, FadingEkfParams, accumulate_motion, correct_by_fix, initial_state
 
 GROSS = {200: (10.0, 0.0), 300: (10.0, 0.0), 400: (0.0, 10.0)}  # [wang2015] table 5: at 40, 60 and 80 s
 
@@ -47,18 +47,18 @@ def test_without_fading_and_heading_it_is_a_plain_kalman_filter(every: int) -> N
 
 def test_lambda_is_the_ratio_of_the_traces_of_the_place() -> None:
     params = FadingEkfParams(delta_s_m=100.0)
-    state = begin(np.zeros(2), np.eye(2), params)
+    state = initial_state(np.zeros(2), np.eye(2), params)
     north = Motion(t0_ns=0, t1_ns=10 * TICK_NS, distance_m=0.0, heading_rad=0.0)
-    after, _ = correct(accumulate_motion(state, north), np.array([6.0, 8.0]), np.eye(2), params)
+    after, _ = correct_by_fix(accumulate_motion(state, north), np.array([6.0, 8.0]), np.eye(2), params)
     # P = I, v = 0 with σ 1 m/s, t = 2 s: M = (1 + 4)·I, H Q Hᵀ = 0.25·4·I, R = I, Σ_V̄ = v vᵀ.
     assert after.lam == pytest.approx((100.0 - 2.0 - 2.0) / 10.0)
 
 
 def test_lambda_by_the_pseudo_inverse_divides_by_the_rank() -> None:
     params = FadingEkfParams(delta_s_m=100.0, fading="pinv")
-    state = begin(np.zeros(2), np.eye(2), params)
+    state = initial_state(np.zeros(2), np.eye(2), params)
     north = Motion(t0_ns=0, t1_ns=10 * TICK_NS, distance_m=0.0, heading_rad=0.0)
-    after, _ = correct(accumulate_motion(state, north), np.array([6.0, 8.0]), np.eye(2), params)
+    after, _ = correct_by_fix(accumulate_motion(state, north), np.array([6.0, 8.0]), np.eye(2), params)
     t = 2.0
     H = np.vstack([np.eye(4)[[0, 1]], t * np.eye(4)[[3, 2]]])
     A = np.eye(4) + t * np.eye(4, k=2)
@@ -72,10 +72,10 @@ def test_lambda_by_the_pseudo_inverse_divides_by_the_rank() -> None:
 
 def test_lambda_stays_one_while_residuals_are_as_expected_and_when_the_test_fails() -> None:
     params = FadingEkfParams()
-    state = begin(np.zeros(2), np.eye(2), params)
+    state = initial_state(np.zeros(2), np.eye(2), params)
     moved = accumulate_motion(state, Motion(t0_ns=0, t1_ns=10 * TICK_NS, distance_m=1.0, heading_rad=0.0))
-    assert correct(moved, np.array([0.0, 1.0]), np.eye(2), params)[0].lam == 1.0
-    bad, outcome = correct(moved, np.array([0.0, 30.0]), np.eye(2), params)
+    assert correct_by_fix(moved, np.array([0.0, 1.0]), np.eye(2), params)[0].lam == 1.0
+    bad, outcome = correct_by_fix(moved, np.array([0.0, 30.0]), np.eye(2), params)
     assert outcome.go_and_back
     assert outcome.used
     assert bad.lam == 1.0
@@ -83,13 +83,13 @@ def test_lambda_stays_one_while_residuals_are_as_expected_and_when_the_test_fail
 
 def test_the_heading_row_wraps_and_is_left_out_near_standstill() -> None:
     params = FadingEkfParams(fading="off")
-    state = replace(begin(np.zeros(2), np.eye(2), params), X=np.array([0.0, 0.0, -1.0, 0.01]))
+    state = replace(initial_state(np.zeros(2), np.eye(2), params), X=np.array([0.0, 0.0, -1.0, 0.01]))
     south = Motion(t0_ns=0, t1_ns=5 * TICK_NS, distance_m=1.0, heading_rad=-np.pi + 0.01)
-    after, _ = correct(accumulate_motion(state, south), np.array([0.0, -1.0]), np.eye(2), params)
+    after, _ = correct_by_fix(accumulate_motion(state, south), np.array([0.0, -1.0]), np.eye(2), params)
     assert after.X[2:] == pytest.approx([-1.0, 0.0], abs=0.03)
     still = replace(state, X=np.array([0.0, 0.0, 0.01, 0.0]))
     east = Motion(t0_ns=0, t1_ns=5 * TICK_NS, distance_m=0.0, heading_rad=1.5)
-    rested, _ = correct(accumulate_motion(still, east), np.zeros(2), np.eye(2), params)
+    rested, _ = correct_by_fix(accumulate_motion(still, east), np.zeros(2), np.eye(2), params)
     assert abs(rested.X[3]) < 1e-12
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tickfix.api import TICK_NS, Context, Fix, Motion, Observation, pack
 from tickfix.testing import world
-from tickfix.toolkit.fix_errors import OnFloor
+from tickfix.toolkit.fix_errors import FloorHysteresis
 from tickfix.toolkit.particles import normal_pairs
 from tickfix_filters.fusion_model import Particles, batches
 from tickfix_filters.fusion_pf import FusionPf, FusionPfParams
@@ -56,7 +56,7 @@ def test_no_device_at_all_is_nothing_to_do() -> None:
 
 def test_a_crowd_is_cut_into_batches_of_equal_size_that_hold_everyone_once() -> None:
     sizes = [500] * 150 + [100_000, 100_000] + [30] * 3 + [500]
-    states = [Particles(OnFloor("F"), np.zeros((n, 2)), *[np.zeros(n)] * 4, 0, np.zeros(2)) for n in sizes]  # type: ignore[arg-type]
+    states = [Particles(FloorHysteresis("F"), np.zeros((n, 2)), *[np.zeros(n)] * 4, 0, np.zeros(2)) for n in sizes]  # type: ignore[arg-type]
     cut = list(batches(states))
     assert [d for batch in cut for d in range(batch.start, batch.stop)] == list(range(len(states)))
     assert all(len({sizes[d] for d in range(batch.start, batch.stop)}) == 1 for batch in cut)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tickfix.api import TICK_NS, Bools, Context, Fix, Floats, Motion, Observation, Report
-from tickfix_filters.kalman_map import KalmanMap, KalmanMapParams, Walking
+from tickfix_filters.kalman_map import KalmanMap, KalmanMapParams, KalmanMapState
 
 RNG = np.random.default_rng(0)
 
@@ -33,7 +33,7 @@ def fix(t_s: float, x: float, y: float, floor: str = "F") -> Fix:
     return Fix(t_ns=round(t_s * 1e9), floor=floor, xy=[x, y], covariance=[[4.0, 1.0], [1.0, 3.0]])
 
 
-def run(kmf: KalmanMap, fixes: list[Fix]) -> tuple[Walking, list[Report]]:
+def run(kmf: KalmanMap, fixes: list[Fix]) -> tuple[KalmanMapState, list[Report]]:
     """Fold fixes tick by tick until the last of them."""
     state, reports = kmf.begin(fixes[0], RNG), []
     waiting = fixes[1:]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tickfix.testing import world
 from tickfix.toolkit.extreme_learning import classifier_output_weights, hidden_layer
-from tickfix_fingerprint.elm_knn import ElmKnn, ElmKnnParams, weights
+from tickfix_fingerprint.elm_knn import ElmKnn, ElmKnnParams, distance_weights
 
 
 @pytest.mark.parametrize(("n", "nodes", "ridge"), [(200, 30, 1e-3), (40, 30, 0.1), (20, 60, 1.0)])
@@ -28,7 +28,7 @@ def test_the_output_weights_are_those_of_least_squares_with_a_ridge(n: int, node
 @given(st.lists(st.floats(0, 200), min_size=1, max_size=9))
 def test_weights_sum_to_one_and_fall_with_the_distance(distances: list[float]) -> None:
     dis = np.sort(distances)
-    w = weights(dis)
+    w = distance_weights(dis)
     assert w.sum() == pytest.approx(1.0)
     assert (w >= 0).all()
     assert (np.diff(w) <= 1e-12).all()

@@ -17,7 +17,14 @@ from tickfix.site.waypoints import to_survey_walk
 from tickfix.toolkit import extreme_learning
 from tickfix.toolkit.calibration import samples_between
 from tickfix_pdr.elm import ElmParams, ElmPdr
-from tickfix_pdr.elm_features import Felt, assign_folds, heading_features, merge_sums, sum_samples, velocity_features
+from tickfix_pdr.elm_features import (
+    SensorSums,
+    assign_folds,
+    heading_features,
+    merge_sums,
+    sum_samples,
+    velocity_features,
+)
 
 Reckon = Callable[[Any, SimulatedWalk], list[Motion]]
 PARAMS = ElmParams(velocity_nodes=(25, 50, 100), heading_nodes=(25, 50, 100))
@@ -52,7 +59,7 @@ def test_output_weights_solve_the_least_squares_that_scipy_solves(activation: st
     rng = np.random.default_rng(4)
     x, t = rng.normal(size=(400, 6)), rng.normal(size=(400, 2))
     fold = np.arange(400) % 10
-    chosen = extreme_learning.train(x, t, fold, (20,), activation=activation, ridge=1e-12, rng=rng)
+    chosen = extreme_learning.train_regression(x, t, fold, (20,), activation=activation, ridge=1e-12, rng=rng)
     beta = lstsq(extreme_learning.hidden_outputs(chosen.elm, x), t)[0]
     assert chosen.elm.beta == pytest.approx(beta, abs=1e-6)
 
@@ -61,7 +68,7 @@ def test_folds_by_subtraction_equal_training_without_the_fold() -> None:
     rng = np.random.default_rng(5)
     x, t, ridge = rng.normal(size=(300, 6)), rng.normal(size=(300, 1)), 1e-2
     fold = rng.integers(0, 5, 300)
-    chosen = extreme_learning.train(x, t, fold, (10, 30), activation="sigmoid", ridge=ridge, rng=rng)
+    chosen = extreme_learning.train_regression(x, t, fold, (10, 30), activation="sigmoid", ridge=ridge, rng=rng)
     h = extreme_learning.hidden_outputs(chosen.elm, x)
     expected = np.zeros_like(t)
     for f in range(5):
@@ -107,7 +114,7 @@ def test_a_window_of_several_ticks_is_felt_as_one(survey: Survey) -> None:
     ticks = [sum_samples(samples_between(motion, t, t + TICK_NS)) for t in starts.tolist()]
     for k in range(36):
         once = sum_samples(samples_between(motion, int(starts[k]), int(starts[k]) + 5 * TICK_NS))
-        turned = Felt(ticks[k + 1].sums * np.repeat([1.0, -1.0], [9, 4]), ticks[k + 1].counts)  # −q is q
+        turned = SensorSums(ticks[k + 1].sums * np.repeat([1.0, -1.0], [9, 4]), ticks[k + 1].counts)  # −q is q
         several = merge_sums([ticks[k], turned, *ticks[k + 2 : k + 5]])
         assert velocity_features(several) == pytest.approx(velocity_features(once))
         assert heading_features(several, as_vector=True) == pytest.approx(heading_features(once, as_vector=True))

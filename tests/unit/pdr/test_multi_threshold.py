@@ -12,12 +12,12 @@ import pytest
 from tickfix.api import TICK_NS, Context, Motion, MotionSamples, Samples, wrap_rad
 from tickfix.simulation import SimulatedWalk
 from tickfix.toolkit.calibration import samples_between
-from tickfix.toolkit.step_signal import Extremum, SignalState, detect_extrema
+from tickfix.toolkit.step_signal import Extremum, StepSignalState, detect_extrema
 from tickfix_pdr.multi_threshold import (
+    ExtremaState,
     HybridWeights,
     MultiThreshold,
     MultiThresholdParams,
-    StepState,
     StepThresholds,
     detect_steps_from_extrema,
     hybrid_heading,
@@ -35,7 +35,7 @@ def extrema(*seconds_and_values: tuple[float, float]) -> list[Extremum]:
 
 def steps(*seconds_and_values: tuple[float, float]) -> list[tuple[float, float, float]]:
     """Return (time, acc_max, acc_min) of the steps found."""
-    found = detect_steps_from_extrema(StepState(), extrema(*seconds_and_values), THRESHOLDS)[1]
+    found = detect_steps_from_extrema(ExtremaState(), extrema(*seconds_and_values), THRESHOLDS)[1]
     return [(step.t_ns * 1e-9, step.acc_max, step.acc_min) for step in found]
 
 
@@ -72,7 +72,7 @@ def test_who_stood_begins_anew() -> None:
 def test_extrema_of_a_raw_wave_lie_where_the_wave_turns() -> None:
     t = np.arange(0.0, 3.0, 0.01)
     a = np.stack([0 * t, 0 * t, 9.81 + 2.0 * np.sin(2.0 * np.pi * t)], axis=1)
-    found = detect_extrema(SignalState(), Samples(np.rint(t * 1e9).astype(np.int64), a), 0.0)[1]
+    found = detect_extrema(StepSignalState(), Samples(np.rint(t * 1e9).astype(np.int64), a), 0.0)[1]
     times = [(e.t_ns * 1e-9, e.peak) for e in found if e.t_ns > 0]
     assert [peak for _, peak in times] == [True, False, True, False, True, False]
     assert [s for s, _ in times] == pytest.approx([0.25, 0.75, 1.25, 1.75, 2.25, 2.75], abs=0.03)
