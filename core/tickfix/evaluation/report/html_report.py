@@ -242,7 +242,7 @@ def _provenance_html(result: ComparisonResult) -> str:
     ]
     listed = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>" for name, value in rows if value != "")
     code = tuple((name, digest) for name, digest in p.get("code", {}).items())
-    sites = tuple((g["name"], g["walks"], g["site"]) for g in p.get("sites", []))
+    sites = tuple((g["name"], g["walks"], g["digest"]) for g in p.get("sites", []))
     tables = [
         choices_table(result),
         digest_table(result),
