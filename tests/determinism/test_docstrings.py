@@ -62,9 +62,7 @@ def test_every_name_that_a_docstring_describes_exists() -> None:
     trees = {
         path: ast.parse(path.read_text("utf-8")) for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))
     }
-    classes = {
-        node.name: node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
-    }
+    classes = {node.name: node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
     described, wrong = 0, []
     for path, tree in trees.items():
         for node in ast.walk(tree):
