@@ -1,15 +1,20 @@
 """Finding plugins, checking what they offer, and leaving out what is broken, each by name and with the fix.
 
-Plugins are taken in the order of distribution and entry-point names, tickfix's own first: what a run finds does not
-depend on how things were installed.
+Plugins are taken in the order of distribution, entry-point name and value, tickfix's own first: what a run finds does
+not depend on how things were installed. A plugin is identified by these three, since two distributions may use the same
+entry-point name. Whatever a plugin prints while it is imported or registers goes to stderr: stdout belongs to results.
 """
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Iterable, Sequence
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
 from typing import Any, Final
 
 import pluggy
@@ -18,6 +23,7 @@ from tickfix.api import hooks
 from tickfix.api.algorithms import KINDS
 from tickfix.api.errors import PluginError
 from tickfix.api.hooks import check_algorithm_class
+from tickfix.observers import OBSERVER_HOOKS, Observers, hook_manager
 
 _OWN_DISTRIBUTION: Final = "tickfix"
 
@@ -30,6 +36,7 @@ class Offer:
         cls: the class; built as its kind says.
         plugin: name of the entry point that brought it.
         distribution, version: of the installed package it came from.
+        value: of the entry point: the module.
     """
 
     kind: str
@@ -38,33 +45,61 @@ class Offer:
     plugin: str
     distribution: str
     version: str
+    value: str = ""
 
     @property
     def label(self) -> str:
         """``kind:name``, as the command line calls it."""
         return f"{self.kind}:{self.name}"
 
+    @property
+    def origin(self) -> str:
+        """The plugin it came from, as messages name it."""
+        return _plugin_label(self.plugin, self.value, self.distribution, self.version)
+
 
 @dataclass(frozen=True, slots=True)
 class PluginProblem:
-    """Something that had to be left out."""
+    """Something that had to be left out.
+
+    Attributes:
+        plugin, value: name and value of the entry point.
+        problem: what was found.
+        fix: what to do, a sentence.
+        distribution, version: of the installed package, empty where it is not known.
+    """
 
     plugin: str
     problem: str
     fix: str
+    value: str = ""
+    distribution: str = ""
+    version: str = ""
 
     def __str__(self) -> str:
         """Return one sentence for the user."""
-        return f"{self.plugin}: {self.problem}. {self.fix}"
+        label = _plugin_label(self.plugin, self.value, self.distribution, self.version)
+        return f"{label}: {self.problem}. {self.fix}"
 
 
 class Registry:
-    """What all plugins together offer, and what was wrong with them."""
+    """What all plugins together offer, and what was wrong with them.
 
-    def __init__(self, offers: Iterable[Offer] = (), problems: Iterable[PluginProblem] = ()) -> None:
+    Attributes:
+        problems: what was left out.
+        observers: calls the hooks of plugins that watch runs.
+    """
+
+    def __init__(
+        self,
+        offers: Iterable[Offer] = (),
+        problems: Iterable[PluginProblem] = (),
+        observers: Observers | None = None,
+    ) -> None:
         """Keep the offers by kind and name."""
         self._offers = {(offer.kind, offer.name): offer for offer in offers}
         self.problems = tuple(problems)
+        self.observers = Observers() if observers is None else observers
 
     def get(self, kind: str, name: str) -> Offer:
         """Return the offer.
@@ -98,57 +133,118 @@ def discover(found: Sequence[EntryPoint] | None = None) -> Registry:
     manager.add_hookspecs(hooks)
     offers: dict[tuple[str, str], Offer] = {}
     problems: list[PluginProblem] = []
-    for point in sorted(points, key=_discovery_order):
+    modules: dict[str, ModuleType] = {}
+    # An entry point that a distribution lists twice is one.
+    for key, point in sorted({_discovery_key(point): point for point in points}.items(), key=lambda item: item[0]):
+        label = _label(point)
         try:
-            for cls in _import_and_call_hook(manager, point):
-                _add_offer(cls, point, offers, problems)
+            with _stdout_to_stderr():
+                module = _import(point)
+                _check_hooks(manager, point, module)
+                known = next((other for other, registered in modules.items() if registered is module), None)
+                if known is not None:
+                    problem = f"names module {point.value}, which is registered already as {known}"
+                    raise PluginError(point.name, problem, "Remove one of the two entry points")  # noqa: TRY301
+                for cls in _register(label, point, module):
+                    _add_offer(cls, point, offers, problems)
+            modules[label] = module
         except PluginError as error:
-            problems.append(PluginProblem(error.plugin, error.problem, error.fix))
-    return Registry(offers.values(), problems)
+            _, distribution, name, value = key
+            problems.append(PluginProblem(name, error.problem, error.fix, value, distribution, _distribution(point)[1]))
+    # Those that only register are not kept: calling their hooks costs time in every round.
+    watching = {label: module for label, module in modules.items() if any(hasattr(module, h) for h in OBSERVER_HOOKS)}
+    return Registry(offers.values(), problems, Observers(watching))
 
 
-def _discovery_order(point: EntryPoint) -> tuple[bool, str, str]:
+def _discovery_key(point: EntryPoint) -> tuple[bool, str, str, str]:
     distribution = _distribution(point)[0]
-    return (distribution != _OWN_DISTRIBUTION, distribution, point.name)
+    return (distribution != _OWN_DISTRIBUTION, distribution, point.name, point.value)
 
 
 def _distribution(point: EntryPoint) -> tuple[str, str]:
     return (point.dist.name, point.dist.version) if point.dist is not None else ("", "")
 
 
-def _import_and_call_hook(manager: pluggy.PluginManager, point: EntryPoint) -> Iterable[Any]:
-    """Import one plugin and return what its hook returns."""
+def _label(point: EntryPoint) -> str:
+    return _plugin_label(point.name, point.value, *_distribution(point))
+
+
+def _plugin_label(name: str, value: str, distribution: str, version: str) -> str:
+    """Return how messages name a plugin: ``my-filter = my_filter.plugin (my-filter 0.1)``."""
+    entry = f"{name} = {value}" if value and value != name else name
+    return f"{entry} ({distribution} {version})" if distribution else entry
+
+
+def _import(point: EntryPoint) -> Any:
+    """Import the plugin's module, which must have been written for this API."""
     try:
         module = point.load()
-    except Exception as error:
-        problem = f"cannot be imported: {type(error).__name__}: {error}"
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        problem = f"cannot be imported: {_describe(error)}"
         raise PluginError(point.name, problem, f"Mend or uninstall the package that offers {point.value}") from error
     wanted = getattr(module, "TICKFIX_API", hooks.API_VERSION)
     if wanted != hooks.API_VERSION:
         problem = f"asks for tickfix API {wanted!r}, this is {hooks.API_VERSION}"
         newer = isinstance(wanted, int) and wanted > hooks.API_VERSION
         raise PluginError(point.name, problem, "Upgrade tickfix" if newer else "Upgrade the plugin")
-    _check_hooks(manager, point, module)
+    return module
+
+
+def _register(label: str, point: EntryPoint, module: Any) -> list[Any]:
+    """Register a module with pluggy and return what its ``tickfix_register`` returns, nothing if it has none."""
     try:
-        manager.register(module, point.name)
-        returned = list(module.tickfix_register())
-    except Exception as error:
-        problem = f"tickfix_register failed: {type(error).__name__}: {error}"
+        manager = hook_manager(module, label)
+    except pluggy.PluginValidationError as error:
+        problem = " ".join(str(error).split())
+        raise PluginError(point.name, problem, "Take no arguments but those of the hook's specification") from error
+    try:
+        return [cls for classes in manager.hook.tickfix_register() for cls in classes]
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        problem = f"tickfix_register failed: {_describe(error)}"
         fix = "It takes no arguments and returns a list of classes"
         raise PluginError(point.name, problem, fix) from error
-    return returned
+
+
+def _describe(error: BaseException) -> str:
+    if isinstance(error, SystemExit):
+        return f"it ended the process (SystemExit: {error.code})"
+    return f"{type(error).__name__}: {error}"
+
+
+@contextlib.contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    """Send to stderr what is written to stdout meanwhile, also by C code and by child processes."""
+    with contextlib.redirect_stdout(sys.stderr), contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError, ValueError, AttributeError):  # no such descriptors: a notebook, a service
+            for stream in (sys.__stdout__, sys.__stderr__):
+                if stream is not None:
+                    stream.flush()
+            kept = os.dup(1)
+            stack.callback(os.close, kept)
+            os.dup2(2, 1)
+            stack.callback(os.dup2, kept, 1)
+        yield
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            if sys.__stdout__ is not None:
+                sys.__stdout__.flush()
 
 
 def _check_hooks(manager: pluggy.PluginManager, point: EntryPoint, module: Any) -> None:
     specs = [name for name in dir(hooks) if manager.parse_hookspec_opts(hooks, name) is not None]
-    marked = [name for name in dir(module) if manager.parse_hookimpl_opts(module, name) is not None]
+    marked = {name: opts for name in dir(module) if (opts := manager.parse_hookimpl_opts(module, name)) is not None}
     for name in dir(module):
         if name in specs and name not in marked:
             raise PluginError(point.name, f"function {name} is not marked as a hook", "Put @hookimpl above it")
-    for name in marked:
+    for name, opts in marked.items():
         if name not in specs:
             near = difflib.get_close_matches(name, specs, 1, cutoff=0.0)[0]
             raise PluginError(point.name, f"there is no hook {name!r}", f"Rename it to {near!r}")
+        if opts["wrapper"] or opts["hookwrapper"]:
+            raise PluginError(point.name, f"{name} is a hook wrapper", "Use plain @hookimpl: plugins are independent")
     if not marked:
         fix = "Define @hookimpl def tickfix_register() that returns your classes"
         raise PluginError(point.name, f"module {point.value} has no hook", fix)
@@ -157,17 +253,17 @@ def _check_hooks(manager: pluggy.PluginManager, point: EntryPoint, module: Any) 
 def _add_offer(
     cls: Any, point: EntryPoint, offers: dict[tuple[str, str], Offer], problems: list[PluginProblem]
 ) -> None:
+    distribution, version = _distribution(point)
     try:
         check_algorithm_class(cls)
     except ValueError as error:
-        problems.append(PluginProblem(point.name, str(error), "This class is left out, the plugin's others are used"))
+        fix = "This class is left out, the plugin's others are used"
+        problems.append(PluginProblem(point.name, str(error), fix, point.value, distribution, version))
         return
     key = (cls.kind, cls.name)
     if key in offers:
-        owner = offers[key]
-        problem = f"{cls.kind}:{cls.name} is offered already by {owner.plugin} ({owner.distribution} {owner.version})"
-        problems.append(
-            PluginProblem(point.name, problem, f"Give {cls.__name__} another name, or uninstall one of the two")
-        )
+        problem = f"{cls.kind}:{cls.name} is offered already by {offers[key].origin}"
+        fix = f"Give {cls.__name__} another name, or uninstall one of the two"
+        problems.append(PluginProblem(point.name, problem, fix, point.value, distribution, version))
         return
-    offers[key] = Offer(cls.kind, cls.name, cls, point.name, *_distribution(point))
+    offers[key] = Offer(cls.kind, cls.name, cls, point.name, distribution, version, point.value)

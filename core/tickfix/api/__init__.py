@@ -40,6 +40,7 @@ from tickfix.api.events import (
 from tickfix.api.hooks import API_VERSION, hookimpl
 from tickfix.api.packing import pack, unpack
 from tickfix.api.recordings import Reader, Recording, Sink
+from tickfix.api.run_events import EpochStart, Overrun, Run, StageFault
 from tickfix.api.site import Context, Floor, FloorMap, RadioMap, Survey, SurveyWalk
 from tickfix.api.values import Belief, Component, Estimate, Motion, Observation, Prior, Readings, Report, Status, Window
 
@@ -58,6 +59,7 @@ __all__ = [
     "Component",
     "ConfigError",
     "Context",
+    "EpochStart",
     "Estimate",
     "Event",
     "EventError",
@@ -72,6 +74,7 @@ __all__ = [
     "MotionSamples",
     "NoParams",
     "Observation",
+    "Overrun",
     "Pdr",
     "PluginError",
     "PredictUpdateFilter",
@@ -85,10 +88,12 @@ __all__ = [
     "Recording",
     "Report",
     "Rng",
+    "Run",
     "Samples",
     "Scan",
     "Sink",
     "SiteError",
+    "StageFault",
     "Stateless",
     "StatelessFingerprint",
     "Status",

@@ -1,7 +1,16 @@
 """The hooks of tickfix, all of them.
 
 A plugin is a module that the entry-point group ``tickfix.plugins`` names. tickfix imports it once, at start-up, and
-calls its hooks; hooks only register, the algorithms themselves are ordinary classes (:mod:`tickfix.api.algorithms`).
+calls its hooks through pluggy. There are two groups:
+
+- *Registration*: ``tickfix_register`` offers algorithms, which are ordinary classes
+  (:mod:`tickfix.api.algorithms`).
+- *Observers*: all other hooks report on a run, in batches. They return nothing, and whatever they are handed is
+  immutable, so no estimate depends on them. A hook may take fewer arguments than it is offered. They are called in the
+  thread that runs the engine's loop and delay it by as long as they take: hand slow work to a thread of your own. An
+  observer that raises is named in the log, once, and none of its hooks is called again; the run goes on. Where a
+  replay spreads walks over several processes, each process calls the hooks for its own walks.
+
 No result depends on the order in which plugins are called: they are taken in the order of their distribution and
 entry-point names, tickfix's own first.
 
@@ -21,6 +30,9 @@ from typing import Any, Final
 import pluggy
 
 from tickfix.api.algorithms import KINDS
+from tickfix.api.events import Fix
+from tickfix.api.run_events import EpochStart, Overrun, Run, StageFault
+from tickfix.api.values import Estimate
 
 API_VERSION: Final = 1
 """Changes when a plugin that worked would no longer do so."""
@@ -39,6 +51,105 @@ def tickfix_register() -> Sequence[type[Any]]:  # type: ignore[empty-body]
     Called once, when tickfix starts. Return the classes; each says what it is by ``kind`` (``"pdr"``,
     ``"fingerprint"``, ``"filter"``, ``"map"``, ``"reader"``, ``"sink"``) and ``name``, by which pipelines choose it.
     A name that another plugin already offers for the same kind is reported, and that class left out.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_run_started(run: Run) -> None:
+    """A run begins.
+
+    Called once per run, before any other observer hook of it: by a replay for each recording, by a live engine when its
+    ports are open and it has recovered what its journal holds.
+
+    Args:
+        run: the same value in every later call of this run.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_epochs_started(run: Run, epochs: Sequence[EpochStart]) -> None:
+    """Devices were located for the first time, or for the first time since their clocks started again.
+
+    Called before ``tickfix_estimates`` with the epoch's first estimate.
+
+    Args:
+        run: which run.
+        epochs: in the order of their first estimates, never empty.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_estimates(run: Run, estimates: Sequence[Estimate]) -> None:
+    """Ticks were closed, or revised after late events.
+
+    Called by a replay after each event that closed or revised a tick, by a live engine once per round, after the round
+    was journaled and its estimates were published. All pipelines are included, also those that are not published.
+
+    Args:
+        run: which run.
+        estimates: revision 0 for ticks that closed, higher ones for revisions; of a device in the order of ticks within
+            each of the two, never empty.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_fixes(run: Run, fixes: Sequence[Fix]) -> None:
+    """Fingerprints located scans, in ticks that can no longer change.
+
+    Called when the ticks of the fixes settle, one horizon after they closed. Stages shared by several pipelines report
+    each fix once; fixes computed by other processes are not reported.
+
+    Args:
+        run: which run.
+        fixes: in the order of ticks for each device, ``source`` names the fingerprint; never empty.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_faults(run: Run, faults: Sequence[StageFault]) -> None:
+    """Calls of algorithms failed.
+
+    Called after the batch in which they failed; a tick that is computed again may fail, and be reported, again.
+
+    Args:
+        run: which run.
+        faults: in the order in which they happened, never empty.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_overruns(run: Run, overruns: Sequence[Overrun]) -> None:
+    """A live engine fell behind, or caught up; never called in a replay, which has no deadline.
+
+    Args:
+        run: which run.
+        overruns: in their order, never empty.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_run_ended(run: Run, reason: str) -> None:
+    """A run ends, whether it is complete or failed.
+
+    Called once for every run that started, after all other hooks of it, unless the process is killed.
+
+    Args:
+        run: which run.
+        reason: empty for a run that is complete or was stopped; otherwise the error that ended it.
 
     Since API version 1.
     """

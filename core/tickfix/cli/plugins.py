@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from typing import Annotated, Any
+import re
+from typing import Annotated, Any, Final
 
 import msgspec
 import typer
@@ -31,7 +32,17 @@ def list_plugins(context: typer.Context, *, as_json: AsJson = False) -> None:
         return
     plugins = discover()
     if as_json:
-        problems = [{"plugin": p.plugin, "problem": p.problem, "fix": p.fix} for p in plugins.problems]
+        problems = [
+            {
+                "plugin": p.plugin,
+                "value": p.value,
+                "distribution": p.distribution,
+                "version": p.version,
+                "problem": p.problem,
+                "fix": p.fix,
+            }
+            for p in plugins.problems
+        ]
         print_json({"plugins": [_offer_json(offer) for offer in plugins.offers], "problems": problems})
         return
     console = stdout()
@@ -58,7 +69,7 @@ def show(
     presets = getattr(offer.cls, "presets", {})
     if as_json:
         described = _offer_json(offer) | {
-            "doc": inspect.getdoc(offer.cls) or "",
+            "doc": _doc(offer),
             "parameters": [_parameter_json(field) for field in fields],
             "presets": {
                 name: {"source": preset.source, "values": msgspec.to_builtins(dict(preset.values))}
@@ -69,7 +80,7 @@ def show(
         return
     console = stdout()
     console.print(f"{offer.label}, from {_origin(offer)}", style="bold", soft_wrap=True)
-    console.print(Padding(inspect.getdoc(offer.cls) or "It says nothing about itself.", (1, 0, 0, 0)))
+    console.print(Padding(_doc(offer) or "It has no description.", (1, 0, 0, 0)))
     if source := getattr(offer.cls, "source", ""):
         console.print(f"\nSource: {source}", soft_wrap=True)
     if suffixes := getattr(offer.cls, "suffixes", ()):
@@ -105,6 +116,7 @@ def _offer_json(offer: Offer) -> dict[str, Any]:
         "kind": offer.kind,
         "name": offer.name,
         "plugin": offer.plugin,
+        "value": offer.value,
         "distribution": offer.distribution,
         "version": offer.version,
         "summary": _summary(offer),
@@ -117,7 +129,20 @@ def _origin(offer: Offer) -> str:
 
 
 def _summary(offer: Offer) -> str:
-    return (inspect.getdoc(offer.cls) or "").partition("\n")[0]
+    return _doc(offer).partition("\n")[0]
+
+
+_ROLE_PATTERN: Final = re.compile(r":(?:\w+:)?\w+:`(?:[^`<]*<)?([~!]?)([\w.]+)>?(?:\(\))?`")
+
+
+def _doc(offer: Offer) -> str:
+    """Return the class's docstring without Sphinx's roles and double backquotes."""
+
+    def name(match: re.Match[str]) -> str:
+        shortened, target = match.groups()
+        return target.rpartition(".")[2] if shortened == "~" else target
+
+    return _ROLE_PATTERN.sub(name, inspect.getdoc(offer.cls) or "").replace("``", "")
 
 
 def _fields(offer: Offer) -> tuple[ParameterInfo, ...]:

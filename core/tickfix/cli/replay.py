@@ -163,7 +163,7 @@ def replay(
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
     options = WalkOptions(start_known=start is StartMode.FIRST_WAYPOINT, pictures=pictures, estimates=sink is not None)
-    runs = _run_walks(prepare(surveyed, settings), sources, options, sink)
+    runs = _run_walks(prepare(surveyed, settings, plugins.observers), sources, options, sink)
     summary, failures = pool_runs(runs)
     warn_each(tuple(f"{what} ({count} ×)" for what, count in failures.items()), "failures")
     if as_json:

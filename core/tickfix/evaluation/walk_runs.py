@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from tickfix.evaluation.error_metrics import ErrorStatistics
 from tickfix.evaluation.scoring import Coverage, WalkScore, score_walk
 from tickfix.evaluation.tracks import Track, digest, pooled_digest
 from tickfix.kernel import KernelSettings, Pipeline
+from tickfix.observers import Observers
 from tickfix.replay.driver import ReplayResult, replay_recording, start_at_first_waypoint
 from tickfix.replay.process_pool import parallel_map
 from tickfix.replay.recording_files import RecordingFile
@@ -201,12 +202,13 @@ def _share_of_true(flags: Bools) -> float | None:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RunSetup:
-    """What all walks of a run share: the site, and the pipelines built for it."""
+    """What all walks of a run share: the site, the pipelines built for it, and the observers of plugins."""
 
     site: Site
     pipelines: tuple[Pipeline, ...]
     settings: KernelSettings
     coverage: Coverage
+    observers: Observers = field(default_factory=Observers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,8 +247,8 @@ class WalkRun:
     start_known: bool
 
 
-def prepare(site: Site, config: Config) -> RunSetup:
-    """Build the pipelines of ``config`` for ``site``.
+def prepare(site: Site, config: Config, observers: Observers | None = None) -> RunSetup:
+    """Build the pipelines of ``config`` for ``site``; ``observers`` will watch the walks.
 
     Raises:
         PluginError: when an algorithm cannot be built.
@@ -256,6 +258,7 @@ def prepare(site: Site, config: Config) -> RunSetup:
         pipelines=build_pipelines(config.pipelines, site_context(site), site.models),
         settings=config.kernel,
         coverage=Coverage((track.floor, track.xy) for track in site.survey_tracks),
+        observers=Observers() if observers is None else observers,
     )
 
 
@@ -281,7 +284,9 @@ def run_walk(setup: RunSetup, options: WalkOptions, walk: RecordingFile | Record
     """Replay one walk, score it, draw it."""
     recording = walk.read() if isinstance(walk, RecordingFile) else walk
     start = start_at_first_waypoint(recording) if options.start_known else None
-    replayed = replay_recording(recording, setup.pipelines, setup.settings, start=start)
+    replayed = replay_recording(
+        recording, setup.pipelines, setup.settings, start=start, observers=setup.observers, site=setup.site.name
+    )
     published = {
         name: _track_of(name, recording, timed_estimates) for name, timed_estimates in replayed.published.items()
     }

@@ -11,9 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from tickfix.api import Estimate, Event, Fix, MotionSamples, Recording, Samples, Truth
+from tickfix.api import Estimate, Event, Fix, MotionSamples, Recording, Run, Samples, StageFault, Truth
 from tickfix.api.events import UNSET_NS
-from tickfix.kernel import Kernel, KernelOutput, KernelSettings, MessageOutcome, Pipeline
+from tickfix.kernel import Kernel, KernelOutput, KernelSettings, MessageOutcome, Pipeline, StageFailure
+from tickfix.observers import Observers
 
 _WAYPOINT_SIGMA_M: Final = 0.5
 _MAX_BATCH_NS: Final = 60_000_000_000
@@ -49,6 +50,8 @@ def replay_recording(
     settings: KernelSettings | None = None,
     *,
     start: Fix | None = None,
+    observers: Observers | None = None,
+    site: str = "",
 ) -> ReplayResult:
     """Feed a recording to the kernel and collect what it says.
 
@@ -59,10 +62,42 @@ def replay_recording(
         pipelines: run side by side on the same events.
         settings: of the kernel.
         start: where the walk begins, if that is known.
+        observers: called after each event that led to estimates; what they do changes no result.
+        site: its name, for the observers.
     """
+    observers = Observers() if observers is None else observers
+    run = Run(id=recording.name, mode="replay", site=site, pipelines=tuple(p.name for p in pipelines))
+    observers.run_started(run)
+    try:
+        result = _replay(recording, pipelines, settings, start, observers, run)
+    except BaseException as error:
+        observers.run_ended(run, f"{type(error).__name__}: {error}")
+        raise
+    observers.run_ended(run)
+    return result
+
+
+def _replay(
+    recording: Recording,
+    pipelines: Sequence[Pipeline],
+    settings: KernelSettings | None,
+    start: Fix | None,
+    observers: Observers,
+    run: Run,
+) -> ReplayResult:
     events = sorted((e for e in recording.events if not isinstance(e, Truth)), key=lambda e: e.arrival_ns)
     device = events[0].device if events else recording.name
-    kernel = Kernel(pipelines, settings, starts={} if start is None else {device: start})
+    faults: list[StageFault] = []
+
+    def report_fault(failure: StageFailure) -> None:
+        faults.append(StageFault(stage=failure.stage, error=failure.what, detail=failure.detail))
+
+    kernel = Kernel(
+        pipelines,
+        settings,
+        starts={} if start is None else {device: start},
+        on_failure=report_fault if observers.wants("tickfix_faults") else None,
+    )
     published: dict[str, list[tuple[Estimate, int]]] = {p.name: [] for p in pipelines}
     settled: dict[str, list[Estimate]] = {p.name: [] for p in pipelines}
     fixes: dict[str, list[Fix]] = {p.fingerprint.key: [] for p in pipelines if p.fingerprint is not None}
@@ -75,6 +110,11 @@ def replay_recording(
         for stage, observation in output.observations:
             if observation.fix is not None:
                 fixes[stage].append(observation.fix)
+        if observers:
+            observers.estimates(run, [*output.revised, *output.published])
+            observers.fixes(run, [o.fix for _, o in output.observations if o.fix is not None])
+            observers.faults(run, faults)
+            faults.clear()
 
     now_ns = 0
     for event in events:
