@@ -1,12 +1,22 @@
-"""Folding one stage over ticks, with checkpoints to rewind to."""
+"""Folding one stage over ticks, with checkpoints to rewind to.
+
+Events come late, so the past must be folded again, and stages are opaque: a filter cannot be run backwards. What can be
+done with any pure step is to keep states (checkpoints), go back to one before the change and step forward again. The
+result is the same to the bit wherever the checkpoint lies; how many are kept decides only how much is computed again.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, Final, Generic, TypeVar
 
 from tickfix.api.packing import nbytes
+from tickfix.kernel.batch import StepCoroutine
+from tickfix.kernel.snapshot import FoldSnapshot
+from tickfix.kernel.stages import KernelSetup, Stage, StageCaller, checked_snapshot, unpacked_state
+from tickfix.kernel.timeline import ChangedTicks
 
 S = TypeVar("S")
 O = TypeVar("O")  # noqa: E741 - output
@@ -77,8 +87,11 @@ class Fold(Generic[S, O]):
     def record(self, tick: int, state: S, output: O) -> None:
         """Keep what a tick was folded to; it is the one after the last."""
         before = tick - 1
+        # The newest state is always kept, since the next step starts from it; it is thinned out one tick later, once it
+        # is no longer the newest. Kept ticks are multiples of the stride, not every n-th since the last: so a rewind
+        # and its refolding keep the same ticks as before. The oldest stays: every rewind needs one to go back to.
         if before % self._stride and before != next(iter(self._checkpoints)):
-            del self._checkpoints[before]  # the oldest stays: every rewind needs one to go back to
+            del self._checkpoints[before]
         self._checkpoints[tick], self.outputs[tick] = state, output
         self.folded_to = tick
         if tick % _MEASURE_EVERY == 0:
@@ -112,6 +125,8 @@ class Fold(Generic[S, O]):
         _drop_ticks_before(tick, self.outputs)
 
     def _adjust_stride(self, state: S) -> None:
+        # A stride that grows affects only what is recorded from now on; the denser checkpoints of before age out with
+        # the horizon. It never exceeds the horizon, so that a rewind within it goes back by two horizons at most.
         measured = 0
         with suppress(Exception):  # a state is a stage's, and may break when it is looked at
             measured = nbytes(state)
@@ -123,6 +138,58 @@ def _drop_ticks_before(tick: int, ticks: dict[int, Any]) -> None:
     """Drop what stands before ``tick`` in a mapping whose keys ascend."""
     while ticks and (first := next(iter(ticks))) < tick:
         del ticks[first]
+
+
+class StageFold(Fold[S, O], ABC):
+    """The fold of one stage of one device: how it steps, what changes it, and what a snapshot keeps of it.
+
+    An epoch runs its folds in order, those that others read first.
+
+    Args:
+        key: names it in snapshots: the stage's, or the pipeline's whose belief it is.
+        stage: what is folded.
+        start: see :class:`Fold`.
+    """
+
+    def __init__(self, key: str, stage: Stage, setup: KernelSetup, start: Callable[[], S]) -> None:
+        """Begin before the first tick."""
+        super().__init__(start, horizon=setup.horizon_ticks, budget_bytes=setup.fold_bytes)
+        self.key = key
+        self._stage = stage
+        self._call: StageCaller = setup.call
+
+    @abstractmethod
+    def fold_to(self, tick: int, first: int) -> StepCoroutine[None]:
+        """Fold up to and including ``tick``; ``first`` is the epoch's first tick."""
+
+    @abstractmethod
+    def changed_since(self, changes: ChangedTicks, upstream: int | None) -> int | None:
+        """Return the earliest tick to fold again, None for none.
+
+        Args:
+            changes: of the timeline.
+            upstream: the earliest tick that a fold before this one, or a fix, changed.
+        """
+
+    @abstractmethod
+    def packed(self, tick: int, state: S) -> FoldSnapshot:
+        """Return the checkpoint after ``tick`` as a value; raises where the stage's state cannot be packed."""
+
+    def snapshot(self) -> FoldSnapshot | None:
+        """Return the oldest checkpoint as a value, None (and a failure of the stage) where it cannot be packed."""
+        return checked_snapshot(self._call, self._stage, lambda: self.packed(*self.oldest))
+
+    def restore(self, kept: FoldSnapshot | None, oldest: int) -> None:
+        """Go on from a snapshot's checkpoint; a stage that it does not hold starts after tick ``oldest``."""
+        if kept is None:
+            self.begin(oldest + 1)
+        else:
+            self.resume(kept.tick, self.unpacked(kept))
+
+    def unpacked(self, kept: FoldSnapshot) -> S:
+        """Return the state that ``kept`` holds; the timeline must have been restored."""
+        state: S = unpacked_state(kept.state, self._stage)
+        return state
 
 
 def earliest(*ticks: int | None) -> int | None:

@@ -17,9 +17,10 @@ from tickfix.api.errors import PluginError
 from tickfix.api.events import Event, Fix, Scan, Truth
 from tickfix.kernel.batch import step_batch, step_one
 from tickfix.kernel.deduplication import MessageOutcome, SessionRegistry
-from tickfix.kernel.device import Device, DeviceProgress, KernelOutput
+from tickfix.kernel.device import Device, DeviceProgress
+from tickfix.kernel.epoch import KernelOutput
 from tickfix.kernel.snapshot import KernelSnapshot
-from tickfix.kernel.stages import Pipeline, Stage, StageCaller, StageFailure
+from tickfix.kernel.stages import KernelSetup, Pipeline, Stage, StageCaller, StageFailure
 from tickfix.kernel.tracker import FingerprintRequest
 
 
@@ -68,7 +69,6 @@ class Kernel:
         on_call: Callable[[Stage | None], None] | None = None,
     ) -> None:
         """Begin with no device."""
-        self._pipelines = tuple(pipelines)
         self._settings = KernelSettings() if settings is None else settings
         self._starts = starts
         self._on_failure = on_failure
@@ -79,13 +79,21 @@ class Kernel:
         )
         self.intake: Counter[str] = Counter()
         self.measurements: Counter[str] = Counter()
+        self._setup = KernelSetup(
+            pipelines=tuple(pipelines),
+            call=self._call,
+            measurements=self.measurements,
+            seed=self._settings.seed,
+            horizon_ns=round(self._settings.horizon_s * 1e9),
+            checkpoint_bytes=round(self._settings.checkpoint_mb * 2**20),
+        )
         self.failures: Counter[str] = Counter()
 
     def feed(self, event: Event) -> MessageOutcome:
         """Take an event in; call :meth:`run` to fold what it makes due."""
         try:
             outcome = self._feed(event)
-        except Exception as error:  # noqa: BLE001 - see _lose
+        except Exception as error:  # noqa: BLE001 - see _quarantine
             self._quarantine(event.device, error)
             outcome = MessageOutcome.MALFORMED
         self.intake[outcome.value] += 1
@@ -140,7 +148,7 @@ class Kernel:
         self._sessions.close(device, known.number + 1)
         try:
             return step_one(known.finish(), self._call)
-        except Exception as error:  # noqa: BLE001 - see _lose
+        except Exception as error:  # noqa: BLE001 - see _quarantine
             self._quarantine(device, error)
             return KernelOutput()
 
@@ -238,17 +246,7 @@ class Kernel:
         )
 
     def _begin(self, device: str, number: int) -> Device:
-        return Device(
-            device,
-            self._pipelines,
-            self._call,
-            self.measurements,
-            seed=self._settings.seed,
-            horizon_ns=round(self._settings.horizon_s * 1e9),
-            checkpoint_bytes=round(self._settings.checkpoint_mb * 2**20),
-            known=None if number else self._starts.get(device),
-            number=number,
-        )
+        return Device(self._setup, device, known=None if number else self._starts.get(device), number=number)
 
     def _report_failure(self, failure: StageFailure) -> None:
         self.failures[str(failure)] += 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
@@ -11,6 +12,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from tickfix.api.errors import PluginError
+from tickfix.api.events import TICK_NS
 from tickfix.api.packing import field_values_getter, pack, unpack
 from tickfix.api.values import Belief, Component, Motion, Observation, Report
 from tickfix.kernel.snapshot import FoldSnapshot
@@ -144,6 +146,47 @@ class StageCaller:
     def _notify(self, stage: Stage | None) -> None:
         if self._on_call is not None:
             self._on_call(stage)
+
+
+@dataclass(frozen=True, slots=True)
+class KernelSetup:
+    """What all devices of a kernel share.
+
+    Attributes:
+        pipelines: in the order in which estimates of a tick come.
+        call: how stages are called.
+        measurements: counts single measurements by what became of them.
+        seed: of all random streams.
+        horizon_ns: how late an event may be.
+        checkpoint_bytes: memory for one device's checkpoints.
+    """
+
+    pipelines: tuple[Pipeline, ...]
+    call: StageCaller
+    measurements: Counter[str]
+    seed: int
+    horizon_ns: int
+    checkpoint_bytes: int
+
+    @property
+    def pdrs(self) -> tuple[Stage, ...]:
+        """The distinct dead-reckoning stages, in the order of the pipelines that use them first."""
+        return tuple({p.pdr.key: p.pdr for p in self.pipelines if p.pdr is not None}.values())
+
+    @property
+    def fingerprints(self) -> tuple[Stage, ...]:
+        """The distinct fingerprint stages, in the order of the pipelines that use them first."""
+        return tuple({p.fingerprint.key: p.fingerprint for p in self.pipelines if p.fingerprint is not None}.values())
+
+    @property
+    def horizon_ticks(self) -> int:
+        """How many closed ticks can still change."""
+        return self.horizon_ns // TICK_NS
+
+    @property
+    def fold_bytes(self) -> int:
+        """The share of ``checkpoint_bytes`` of each fold."""
+        return self.checkpoint_bytes // max(1, len(self.pdrs) + len(self.fingerprints) + len(self.pipelines))
 
 
 def _error_text(error: BaseException) -> str:

@@ -3,7 +3,6 @@ estimate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -13,19 +12,20 @@ from tickfix.api.packing import pack
 from tickfix.api.values import Belief, Estimate, Motion, Observation, Prior, Readings, Report, Status
 from tickfix.kernel.batch import StepAnswer, StepCoroutine, StepRequest, with_estimate
 from tickfix.kernel.determinism import RandomStreams
+from tickfix.kernel.fold import StageFold
+from tickfix.kernel.measurements import tick_of
 from tickfix.kernel.snapshot import FoldSnapshot, WaitingSnapshot
 from tickfix.kernel.stages import (
+    KernelSetup,
     Pipeline,
     Stage,
-    StageCaller,
     StageFailure,
     checked_motion,
     checked_observation,
-    checked_snapshot,
     packed_state,
     unpacked_state,
 )
-from tickfix.kernel.timeline import Timeline
+from tickfix.kernel.timeline import ChangedTicks, Timeline
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +37,22 @@ class MotionResult:
     failure: StageFailure | None = None
 
 
-class MotionFold:
+class MotionFold(StageFold[Any, MotionResult]):
     """The fold of a tick's samples into motion."""
 
-    def __init__(self, stage: Stage, timeline: Timeline, call: StageCaller) -> None:
-        """Keep what the steps need."""
-        self._stage = stage
+    def __init__(self, stage: Stage, timeline: Timeline, setup: KernelSetup) -> None:
+        """Begin before the first tick."""
+        super().__init__(stage.key, stage, setup, lambda: None)
         self._timeline = timeline
-        self._call = call
+
+    def fold_to(self, tick: int, first: int) -> StepCoroutine[None]:  # noqa: ARG002 - the interface
+        """Fold up to and including ``tick``; no filter step is asked for."""
+        yield from ()
+        self.advance(tick, self.step)
+
+    def changed_since(self, changes: ChangedTicks, upstream: int | None) -> int | None:  # noqa: ARG002 - the interface
+        """Return the earliest tick whose samples changed."""
+        return changes.motion
 
     def step(self, state: Any, tick: int) -> tuple[Any, MotionResult]:
         """Fold one tick; None is the state before the first."""
@@ -60,14 +68,9 @@ class MotionFold:
             return None if isinstance(state, StageFailure) else state, MotionResult(unknown, measured_ns, result)
         return result[0], MotionResult(result[1], measured_ns)
 
-    def snapshot(self, tick: int, state: Any) -> FoldSnapshot | None:
-        """Return the checkpoint after ``tick`` as a value, None where the stage's state cannot be packed."""
-        key = self._stage.key
-        return checked_snapshot(self._call, self._stage, lambda: FoldSnapshot(key, tick, packed_state(state)))
-
-    def restored(self, kept: FoldSnapshot) -> Any:
-        """Return the state that ``kept`` holds."""
-        return unpacked_state(kept.state, self._stage)
+    def packed(self, tick: int, state: Any) -> FoldSnapshot:
+        """Return the checkpoint after ``tick`` as a value."""
+        return FoldSnapshot(self.key, tick, packed_state(state))
 
     def _check(self, result: Any) -> tuple[Any, Motion]:
         state, motion = result
@@ -115,17 +118,28 @@ class FingerprintRequest:
     windows: tuple[Readings, ...]
 
 
-class ObservationFold:
+class ObservationFold(StageFold[FingerprintState, ObservationResult]):
     """The fold of a tick's scans into observations.
 
     A fix counts at the tick that closes its interval. One that describes an instant after its scan waits until then.
     """
 
-    def __init__(self, stage: Stage, timeline: Timeline, call: StageCaller) -> None:
-        """Keep what the steps need."""
-        self._stage = stage
+    def __init__(self, stage: Stage, timeline: Timeline, setup: KernelSetup) -> None:
+        """Begin before the first tick."""
+        super().__init__(stage.key, stage, setup, FingerprintState)
         self._timeline = timeline
-        self._call = call
+
+    def fold_to(self, tick: int, first: int) -> StepCoroutine[None]:  # noqa: ARG002 - the interface
+        """Fold up to and including ``tick``; no filter step is asked for."""
+        yield from ()
+        self.advance(tick, self.step)
+
+    def changed_since(self, changes: ChangedTicks, upstream: int | None) -> int | None:  # noqa: ARG002 - the interface
+        """Return the earliest tick whose scans changed.
+
+        A scan also stands in the windows of the scans after it, which are folded again with it.
+        """
+        return changes.scans
 
     def step(self, fingerprint_state: FingerprintState, tick: int) -> tuple[FingerprintState, ObservationResult]:
         """Fold one tick."""
@@ -150,16 +164,13 @@ class ObservationFold:
         waiting = tuple(w for w in found if w not in due)
         return FingerprintState(state, waiting), ObservationResult(tuple(w.observation for w in due), failure)
 
-    def fingerprint_request(
-        self, tick: int, fingerprint_state: FingerprintState, scan: Scan
-    ) -> FingerprintRequest | None:
-        """Return what the fingerprint will be asked once ``scan`` is in the timeline, None where it is not wanted.
+    def fingerprint_request(self, scan: Scan) -> FingerprintRequest | None:
+        """Return what the fingerprint will be asked once ``scan``, which is not in the timeline yet, is inserted.
 
-        Args:
-            tick: the newest checkpoint before the scan's tick; all scans after it will be folded again.
-            fingerprint_state: the state there.
-            scan: not in the timeline yet.
+        Returns None where the fingerprint does not want it.
         """
+        # All scans after the newest checkpoint before the scan's tick will be folded again.
+        tick, fingerprint_state = self.before(tick_of(scan.t_ns)) or (-1, FingerprintState())
         if self._guarded_wants(scan) is not True:
             return None
         before = self._start_state() if fingerprint_state.state is None else fingerprint_state.state
@@ -169,19 +180,15 @@ class ObservationFold:
         windows = self._timeline.windows_with(scan, tick, fingerprint.window)
         return FingerprintRequest(self._stage, before, windows)
 
-    def snapshot(self, tick: int, fingerprint_state: FingerprintState) -> FoldSnapshot | None:
-        """Return the checkpoint after ``tick`` as a value, None where the stage's state cannot be packed.
+    def packed(self, tick: int, state: FingerprintState) -> FoldSnapshot:
+        """Return the checkpoint after ``tick`` as a value.
 
-        Observations may hold functions, so their scans stand in for them.
+        Observations may hold functions, so their scans are kept in their place.
         """
+        waiting = tuple(WaitingSnapshot(w.scan, pack(w.before)) for w in state.waiting)
+        return FoldSnapshot(self.key, tick, packed_state(state.state), waiting=waiting)
 
-        def packed() -> FoldSnapshot:
-            waiting = tuple(WaitingSnapshot(w.scan, pack(w.before)) for w in fingerprint_state.waiting)
-            return FoldSnapshot(self._stage.key, tick, packed_state(fingerprint_state.state), waiting=waiting)
-
-        return checked_snapshot(self._call, self._stage, packed)
-
-    def restored(self, kept: FoldSnapshot) -> FingerprintState:
+    def unpacked(self, kept: FoldSnapshot) -> FingerprintState:
         """Return the state that ``kept`` holds; the timeline must have been restored."""
         again = []
         for waiting in kept.waiting:
@@ -243,46 +250,50 @@ class Tracker:
 
     Args:
         device, epoch, pipeline: what is followed, since when, and how.
-        known: a start that somebody told; without one the filter begins at its first observation.
-        motion_result, observation_result: what the other stages made of a tick.
+        known: the start, where it is known; without one the filter begins at its first observation.
     """
 
     def __init__(
         self,
+        setup: KernelSetup,
+        pipeline: Pipeline,
         device: str,
         epoch: int,
-        pipeline: Pipeline,
         streams: RandomStreams,
-        call: StageCaller,
-        *,
         known: Fix | None,
-        first: Callable[[], int | None],
-        motion_result: Callable[[int], MotionResult],
-        observation_result: Callable[[int], ObservationResult],
     ) -> None:
         """Keep what the steps need."""
         self._device = device
         self._epoch = epoch
         self._pipeline = pipeline
-        self.key = pipeline.key
         self._stage = pipeline.filter
         self._filter = pipeline.filter.algorithm
         self._streams = streams
-        self._call = call
+        self._call = setup.call
         self._known = known
-        self._first = first
-        self._motion_result = motion_result
-        self._observation_result = observation_result
 
-    def step(self, tracker_state: TrackerState, tick: int) -> StepCoroutine[tuple[TrackerState, Estimate]]:
-        """Fold one tick; a stage that fails leaves the filter's state as it was."""
-        motion_result, observation_result = self._motion_result(tick), self._observation_result(tick)
+    def step(
+        self,
+        tracker_state: TrackerState,
+        tick: int,
+        motion_result: MotionResult,
+        observation_result: ObservationResult,
+        first: int,
+    ) -> StepCoroutine[tuple[TrackerState, Estimate]]:
+        """Fold one tick; a stage that fails leaves the filter's state as it was.
+
+        Args:
+            tracker_state: before the tick.
+            tick: to fold.
+            motion_result, observation_result: what the other stages made of it.
+            first: the epoch's first tick, at which a filter may start without a place.
+        """
         failures = [f for f in (motion_result.failure, observation_result.failure) if f is not None]
         report = Report()
         state, belief = tracker_state.state, tracker_state.belief
         answer: StepAnswer | None
         if state is None:
-            answer = self._begin(tick, observation_result.observations)
+            answer = self._begin(tick, observation_result.observations, first)
         else:
             rng = partial(self._streams.at, self._epoch, tick, "filter")
             answer = yield StepRequest(self._stage, state, motion_result.motion, observation_result.observations, rng)
@@ -298,26 +309,7 @@ class Tracker:
         )
         return tracker_state, self._estimate(tracker_state, tick, report, failures)
 
-    def snapshot(self, tick: int, tracker_state: TrackerState) -> FoldSnapshot | None:
-        """Return the checkpoint after ``tick`` as a value, None where the filter's state cannot be packed."""
-
-        def packed() -> FoldSnapshot:
-            return FoldSnapshot(
-                key=self.key,
-                tick=tick,
-                state=packed_state(tracker_state.state),
-                belief=tracker_state.belief,
-                motion_ns=tracker_state.motion_ns,
-                used_ns=tracker_state.used_ns,
-            )
-
-        return checked_snapshot(self._call, self._stage, packed)
-
-    def restored(self, kept: FoldSnapshot) -> TrackerState:
-        """Return the state that ``kept`` holds."""
-        return TrackerState(unpacked_state(kept.state, self._stage), kept.belief, kept.motion_ns, kept.used_ns)
-
-    def _begin(self, tick: int, observations: tuple[Observation, ...]) -> StepAnswer | None:
+    def _begin(self, tick: int, observations: tuple[Observation, ...], first: int) -> StepAnswer | None:
         """Try to start the filter; return None if it still waits."""
         t_ns = tick * TICK_NS
         if self._known is not None:
@@ -326,7 +318,7 @@ class Tracker:
             priors = [Prior(t_ns=t_ns, fix=self._known)]
         else:
             priors = [Prior(t_ns=t_ns, fix=o.fix, observation=o) for o in observations]
-            if tick == self._first():
+            if tick == first:
                 priors.insert(0, Prior(t_ns=t_ns))
         for prior in priors:
             rng = self._streams.at(self._epoch, tick, "start")
@@ -371,6 +363,73 @@ class Tracker:
             failed_by="; ".join(map(str, failures)),
             reasons=report.reasons,
         )
+
+
+class TrackerFold(StageFold[TrackerState, Estimate]):
+    """The fold of what the other stages made of a tick into a pipeline's estimates.
+
+    Args:
+        tracker: makes the steps.
+        motion, observations: the pipeline's folds, None where it has none; they are folded before this one.
+    """
+
+    def __init__(
+        self,
+        setup: KernelSetup,
+        pipeline: Pipeline,
+        timeline: Timeline,
+        tracker: Tracker,
+        motion: MotionFold | None,
+        observations: ObservationFold | None,
+    ) -> None:
+        """Begin before the first tick."""
+        super().__init__(pipeline.key, pipeline.filter, setup, TrackerState)
+        self._timeline = timeline
+        self._tracker = tracker
+        self._motion = motion
+        self._observations = observations
+
+    def fold_to(self, tick: int, first: int) -> StepCoroutine[None]:
+        """Fold up to and including ``tick``, asking for the filter's steps."""
+        for k, state in self.pending_ticks(tick):
+            after, estimate = yield from self._tracker.step(
+                state, k, self._motion_result(k), self._observation_result(k), first
+            )
+            self.record(k, after, estimate)
+
+    def changed_since(self, changes: ChangedTicks, upstream: int | None) -> int | None:  # noqa: ARG002 - the interface
+        """Return the earliest tick that anything changed, also of stages of other pipelines.
+
+        An estimate holds the age of the newest motion sample, so that even a pipeline without pdr is folded again.
+        """
+        return upstream
+
+    def packed(self, tick: int, state: TrackerState) -> FoldSnapshot:
+        """Return the checkpoint after ``tick`` as a value."""
+        return FoldSnapshot(
+            key=self.key,
+            tick=tick,
+            state=packed_state(state.state),
+            belief=state.belief,
+            motion_ns=state.motion_ns,
+            used_ns=state.used_ns,
+        )
+
+    def unpacked(self, kept: FoldSnapshot) -> TrackerState:
+        """Return the state that ``kept`` holds."""
+        return TrackerState(unpacked_state(kept.state, self._stage), kept.belief, kept.motion_ns, kept.used_ns)
+
+    def _motion_result(self, tick: int) -> MotionResult:
+        if self._motion is None:
+            return MotionResult(Motion.unknown((tick - 1) * TICK_NS, tick * TICK_NS))
+        return self._motion.outputs[tick]
+
+    def _observation_result(self, tick: int) -> ObservationResult:
+        own = ObservationResult() if self._observations is None else self._observations.outputs[tick]
+        fixes = self._timeline.fixes(tick)
+        if not fixes:
+            return own
+        return ObservationResult(own.observations + tuple(observation_of_fix(fix) for fix in fixes), own.failure)
 
 
 def as_revision(estimate: Estimate, revision: int) -> Estimate:
