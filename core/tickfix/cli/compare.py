@@ -15,7 +15,7 @@ from tickfix.cli.console import print_json, progress, registry, stdout, warn, wa
 from tickfix.cli.replay import PipelineNames, StartMode, override_config, select_walks, warn_untrained
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load_config
-from tickfix.evaluation.comparison.comparison_result import METRICS, ComparisonResult, compare_trials
+from tickfix.evaluation.comparison.comparison_result import METRICS, compare_trials
 from tickfix.evaluation.comparison.evaluation_sites import (
     HOLDOUT_SHARE,
     EvaluationSite,
@@ -23,10 +23,10 @@ from tickfix.evaluation.comparison.evaluation_sites import (
     evaluation_site_names,
     surveyed_site,
 )
-from tickfix.evaluation.comparison.pooled_metrics import Scope
 from tickfix.evaluation.comparison.trial_outcomes import OutcomeStore
 from tickfix.evaluation.comparison.trials import Trial, TrialOptions, code_digest, run_site, stage_choices, versions
-from tickfix.evaluation.report.terminal import pooled_table
+from tickfix.evaluation.report.report_data import build_report
+from tickfix.evaluation.report.terminal import render_report
 from tickfix.live.journal_replay import journaled_config, journaled_site, write_walks
 from tickfix.registry import Registry
 from tickfix.replay.recording_files import Progress, find_recordings
@@ -113,18 +113,8 @@ def compare(
     if as_json:
         print_json(result.as_json())
         return
-    _print_verdicts(result, page)
-
-
-def _print_verdicts(result: ComparisonResult, page: Path) -> None:
     console = stdout()
-    console.print(pooled_table(result.summary))
-    for verdict in result.verdicts():
-        console.print(verdict.verdict, soft_wrap=True)
-    if result.partly_covered:
-        console.print("\nAt the waypoints covered by the survey:")
-        for verdict in result.verdicts(Scope.COVERED):
-            console.print(verdict.verdict, soft_wrap=True)
+    console.print(render_report(build_report(result)), soft_wrap=True)
     console.print(f"\nThe report is {page}", soft_wrap=True)
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,29 +21,21 @@ from tickfix.evaluation.comparison.comparison_result import ComparisonResult
 from tickfix.evaluation.comparison.pooled_metrics import PooledSamples, Scope
 from tickfix.evaluation.error_metrics import bin_errors
 from tickfix.evaluation.pictures import draw_cdf
+from tickfix.evaluation.report.report_data import Chart
 from tickfix.evaluation.theme import FOREGROUND, MUTED, LineStyle, canvas, legend, line_styles, printable
 
 _GRID_COLOR: Final = "#e4e4e2"
 
 
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """A figure of the report."""
-
-    path: Path
-    title: str
-    caption: str
-
-
 def style_axes(axes: Axes) -> None:
-    """Put a faint grid behind the data and leave out the frame."""
+    """Put a faint grid behind the data and remove the frame."""
     axes.grid(color=_GRID_COLOR, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 MAX_LINES: Final = 6
-"""More lines than there are colours cannot be told apart: the baseline and the best are drawn."""
+"""There are six distinct line styles; of more pipelines only the baseline and the best are drawn."""
 
 
 def drawn_pipelines(result: ComparisonResult) -> tuple[str, ...]:
@@ -61,7 +52,7 @@ def drawn_pipelines(result: ComparisonResult) -> tuple[str, ...]:
 
 
 def pipeline_styles(result: ComparisonResult) -> Mapping[str, LineStyle]:
-    """Return how each pipeline that is drawn looks, in all figures alike."""
+    """Return the line style of each pipeline that is drawn, the same in all figures."""
     names = drawn_pipelines(result)
     return dict(zip(names, line_styles(len(names)), strict=True))
 
@@ -89,7 +80,7 @@ def sweep_charts(result: ComparisonResult, folder: Path) -> tuple[Chart, ...]:
 
 
 def pareto(cost: Sequence[float], error: Sequence[float]) -> tuple[int, ...]:
-    """Return the numbers of the points that no other beats in both, by growing cost."""
+    """Return the indices of the points on the Pareto front, by rising cost: no other is better in both."""
     front: list[int] = []
     for i in sorted(range(len(cost)), key=lambda i: (cost[i], error[i])):
         if not front or error[i] < error[front[-1]]:
@@ -159,7 +150,8 @@ def _sweep_heat_map(
         axes.set(xlabel=printable(across), ylabel=printable(down))
         figure.colorbar(image, label="mean error, m")
     rest = f", the best over {', '.join(labels[2:])}" if len(labels) > 2 else ""
-    return Chart(path, f"Sweep of {table}", f"Mean error in metres at all scored waypoints{rest}; the least is bold.")
+    caption = f"Mean error in metres at all scored waypoints{rest}; the least is bold."
+    return Chart(path, f"Sweep of {table}", caption, keeps_colors=True)
 
 
 def _pareto_chart(result: ComparisonResult, path: Path) -> Chart:
@@ -186,12 +178,12 @@ def _pareto_chart(result: ComparisonResult, path: Path) -> Chart:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set(xlabel="processor time per tick, µs", ylabel="mean error, m")
-    caption = "The line joins the pipelines that no other beats in both; where names would overlap, some are left out."
+    caption = "The line joins the pipelines that no other beats in both; names that would overlap are omitted."
     return Chart(path, "Error against cost", caption)
 
 
 def _annotated(cost: Sequence[float], error: Sequence[float], front: Sequence[int]) -> list[int]:
-    """Return the points to name: the front, and others whose names do not lie on one another."""
+    """Return the points to name: the front, and others whose names do not overlap."""
     across = np.log(np.array(cost)) / max(1e-9, float(np.ptp(np.log(np.array(cost)))))
     up = np.array(error) / max(1e-9, float(np.ptp(np.array(error))))
     named = list(front)
@@ -212,7 +204,7 @@ _NOMINAL_LEVELS: Final = np.linspace(0.02, 0.98, 49)
 
 
 def draw_charts(result: ComparisonResult, folder: Path) -> tuple[Chart, ...]:
-    """Draw all figures for which there are points into ``folder``, which must exist."""
+    """Draw all figures for which there are samples into ``folder``, which must exist."""
     charts: list[Chart] = []
     all_samples = result.samples[Scope.ALL]
     if len(all_samples) == 0:
@@ -232,13 +224,13 @@ def draw_charts(result: ComparisonResult, folder: Path) -> tuple[Chart, ...]:
         charts.append(_walk_difference_chart(result, all_samples, others, folder / "walks.svg"))
     between = result.samples[Scope.INTERPOLATED]
     if len(between):
-        note = "against truth interpolated between waypoints; bins with fewer than five values are left out."
+        note = "against truth interpolated between waypoints; bins with fewer than five values are omitted."
         path, name = folder / "time.svg", "Error over time"
         _binned_error_chart(result, path, between, between.t_s, 10.0, "time since the first waypoint, s")
-        charts.append(Chart(path, name, f"Mean (line) and third quartile (thin) every 10 s, {note}"))
+        charts.append(Chart(path, name, f"Mean (line) and third quartile (thin) per 10 s, {note}"))
         path, name = folder / "distance.svg", "Error over distance"
-        _binned_error_chart(result, path, between, between.travelled_m, 10.0, "way since the first waypoint, m")
-        charts.append(Chart(path, name, f"Mean (line) and third quartile (thin) every 10 m, {note}"))
+        _binned_error_chart(result, path, between, between.travelled_m, 10.0, "distance since the first waypoint, m")
+        charts.append(Chart(path, name, f"Mean (line) and third quartile (thin) per 10 m, {note}"))
     charts.append(_calibration_chart(result, all_samples, folder / "uncertainty.svg"))
     return (*charts, *sweep_charts(result, folder))
 
@@ -333,7 +325,7 @@ def _walk_difference_chart(result: ComparisonResult, samples: PooledSamples, nam
         axes.set_xticks([])
 
     _panels(path, names, draw, (2.4, 2.0))
-    caption = f"Difference in mean error from {result.baseline}, walk by walk: below 0 the walk was better."
+    caption = f"Difference in mean error from {result.baseline}, walk by walk: below 0 the error is smaller."
     return Chart(path, "Differences by walk", caption)
 
 
@@ -366,9 +358,10 @@ def _calibration_chart(result: ComparisonResult, samples: PooledSamples, path: P
             (line,) = axes.plot(100 * _NOMINAL_LEVELS, held, color=style.color, linestyle=style.dashes, linewidth=1.5)
             entries.append((line, name))
         axes.set(xlim=(0, 100), ylim=(0, 100), aspect="equal")
-        axes.set(xlabel="content of the region, %", ylabel="truths in it, %")
+        axes.set(xlabel="probability of the region, %", ylabel="truths inside, %")
         legend(figure, list(entries), beside=True)
     caption = (
-        "How often the highest-density region of a given content held the truth; below the diagonal a pipeline is "
+        "Share of truths inside the highest-density region of a given probability; below the diagonal a pipeline is "
+        "overconfident."
     )
-    return Chart(path, "Uncertainty", caption + "surer of itself than it should be.")
+    return Chart(path, "Uncertainty", caption)

@@ -1,52 +1,91 @@
-"""The report as one self-contained HTML page: tables, charts, and the worst walks on their floor plans."""
+"""The report as one self-contained HTML page, rendered from ``report.html.jinja``.
+
+The template has all markup and styles; this module computes what it places: charts as inline SVG, and the geometry of
+walks on their floor plans. A plan is in the page once, however many walks are drawn on it.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from html import escape
-from importlib.resources import files
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
-from tickfix.api import Floor
-from tickfix.evaluation.comparison.comparison_result import ComparisonResult
-from tickfix.evaluation.comparison.pooled_metrics import Scope
-from tickfix.evaluation.report.charts import Chart, drawn_pipelines, pipeline_styles
-from tickfix.evaluation.report.report_data import (
-    ReportTable,
-    WorstWalk,
-    choices_table,
-    comparison_table,
-    cost_table,
-    digest_table,
-    error_tables,
-    site_table,
-    track_table,
-    uncertainty_table,
-    worst_walks,
-)
-from tickfix.evaluation.report.walk_plans import plan_symbols, walk_pictures
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from tickfix.api import Floats, Floor
+from tickfix.evaluation.comparison.trial_outcomes import TrialOutcome
+from tickfix.evaluation.pictures import crop
+from tickfix.evaluation.report.report_data import Chart, ReportData, WorstWalk
+from tickfix.evaluation.theme import FOREGROUND, MUTED, LineStyle
+
+_TEMPLATE: Final = "report.html.jinja"
 
 
-def table_html(table: ReportTable) -> str:
-    """Return a table, what is best of a column in bold."""
-    best = table.best or (frozenset[int](),) * len(table.rows)
-    head = "".join(f"<th>{escape(title)}</th>" for title in table.columns)
-    body = "".join(
-        "<tr>" + "".join(_cell_html(i, cell, is_best=i - 1 in good) for i, cell in enumerate(row)) + "</tr>\n"
-        for row, good in zip(table.rows, best, strict=True)
+def html_page(
+    report: ReportData,
+    charts: Sequence[Chart],
+    styles: Mapping[str, LineStyle],
+    floors: Mapping[tuple[str, str], Floor],
+    *,
+    draw: int,
+) -> str:
+    """Return the page.
+
+    Args:
+        report: what it shows.
+        charts: written already; their SVGs become part of the page.
+        styles: the line style of each pipeline whose tracks are drawn.
+        floors: plans by site and floor.
+        draw: greatest number of walks to draw, the worst first.
+    """
+    drawn = report.walks[:draw]
+    drawn_floors = {(walk.trial.site, floor) for walk in drawn for floor in _floors_of_walk(walk)}
+    plans = {key: floor for key, floor in floors.items() if key in drawn_floors}
+    # Autoescape covers every text; the only markup from outside the template are SVG files that we wrote ourselves.
+    environment = Environment(
+        loader=PackageLoader("tickfix.evaluation", "report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
-    caption = f"<caption>{escape(table.caption)}</caption>"
-    return f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>\n'
+    page = environment.get_template(_TEMPLATE).render(
+        report=report,
+        charts=[_page_chart(chart, i) for i, chart in enumerate(charts)],
+        plans=[_page_plan(plan) for plan in plans.values()],
+        walks=[_page_walk(walk, list(plans), styles, report) for walk in drawn],
+        line_styles={name: (style.color, style.width, _dash_pattern(style, 2.0)) for name, style in styles.items()},
+        not_drawn=[name for name in report.pipelines if name not in styles],
+        foreground=FOREGROUND,
+    )
+    return f"{page}\n"
 
 
-def figure_html(chart: Chart, number: int) -> str:
-    """Return a figure with its caption; ``number`` is its own in the page."""
+@dataclass(frozen=True, slots=True)
+class _PageChart:
+    chart: Chart
+    svg: Markup
+    is_wide: bool
+
+
+_WIDE_ASPECT: Final = 1.75
+_PAGE_COLORS: Final = {"#ffffff": "paper", FOREGROUND: "ink", MUTED: "muted", "#e4e4e2": "rule"}
+"""The neutral colours of the charts, and the CSS variables that replace them in the page, where they depend on whether
+the reader's screen is light or dark."""
+
+
+def _page_chart(chart: Chart, number: int) -> _PageChart:
     svg = inline_svg(chart.path.read_text("utf-8"), f"f{number}-")
-    return (
-        f"<figure>{svg}<figcaption><b>{escape(chart.title)}.</b> {escape(chart.caption)} "
-        f"<small>{escape(chart.path.parent.name)}/{escape(chart.path.name)}</small></figcaption></figure>\n"
-    )
+    if not chart.keeps_colors:
+        for color, variable in _PAGE_COLORS.items():
+            # The fallback keeps a figure that is copied out of the page as it was.
+            svg = svg.replace(f": {color}", f": var(--{variable}, {color})")
+    size = re.search(r'viewBox="\S+ \S+ (\S+) (\S+)"', svg)
+    is_wide = size is not None and float(size[1]) > _WIDE_ASPECT * float(size[2])
+    return _PageChart(chart, Markup(svg), is_wide)  # noqa: S704 - an SVG that draw_charts wrote
 
 
 def inline_svg(svg: str, prefix: str) -> str:
@@ -58,69 +97,123 @@ def inline_svg(svg: str, prefix: str) -> str:
     return re.sub(r'xlink:href="#([^"]+)"', rf'xlink:href="#{prefix}\1"', body)
 
 
-def _cell_html(column: int, text: str, *, is_best: bool) -> str:
-    if column == 0:
-        return f"<th>{escape(text)}</th>"
-    shown = f"<b>{escape(text)}</b>" if is_best else escape(text)
-    return f"<td>{shown}</td>"
+_WIDTH_PX: Final = 620.0
+_HEIGHT_PX: Final = 460.0
+_SCALE_BARS_M: Final = (100.0, 50.0, 20.0, 10.0, 5.0)
 
 
-def walks_html(
-    result: ComparisonResult, drawn: Sequence[WorstWalk], total: int, floors: Mapping[tuple[str, str], Floor]
-) -> str:
-    """Return the walks that are drawn, of so many in all, with a key of the lines; nothing where none is.
+@dataclass(frozen=True, slots=True)
+class _PagePlan:
+    """SVG path data of a floor plan, metres, y down as SVG has it."""
 
-    Args:
-        result: what the page is about.
-        drawn: the worst walks, the worst first.
-        total: number of walks.
-        floors: plans by ground and floor.
+    outline: str
+    obstacles: str
+    walls: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PageTrack:
+    pipeline: str
+    points: str
+    color: str
+    width: float
+    dashes: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _WalkPicture:
+    """A walk on one floor: metres, y down; ``px`` is the length of a pixel in metres.
+
+    Attributes:
+        floor, plan: name of the floor, and the index of its plan in the page; None if it has none.
+        view_box: left, top, width, height.
+        px: metres per pixel at the picture's natural size.
+        truth: waypoints as pairs (x, y).
+        truth_points: the same as SVG points.
+        tracks: of the pipelines.
+        worst: corners (x, y) of the squares at the worst waypoints, each with its colour.
+        scale_bar: x, y and length.
     """
-    if not drawn:
-        return ""
-    drawn_floors = {(walk.trial.site, floor) for walk in drawn for floor in _floors_of_walk(walk)}
-    plans = {key: floor for key, floor in floors.items() if key in drawn_floors}
-    style = pipeline_styles(result)
-    key = "".join(
-        f'<span class="key"><svg width="34" height="8"><line x1="0" y1="4" x2="34" y2="4" stroke="{line.color}" '
-        f'stroke-width="{1.2 * line.width:g}" stroke-dasharray="{_svg_dashes(line.dashes)}"/></svg>'
-        f"{escape(name)}</span>"
-        for name, line in style.items()
-    )
-    note = f"{len(drawn)} of {total} walks are drawn; --draw {total} draws all. " if len(drawn) < total else ""
-    what = (
-        f"{note}Black: truth at waypoints, straight between them; the ring is the start. Tracks as published, a place "
-        "a second. A square marks the waypoint at which the pipeline of that colour was worst."
-    )
-    missing = [name for name in result.pipelines if name not in drawn_pipelines(result)]
-    if missing:
-        what += f" Not drawn: {', '.join(missing)}."
-    pictures = "".join(_walk_html(walk, plans, result) for walk in drawn)
-    return f'{plan_symbols(plans)}<p class="note">{escape(what)}</p><p>{key}</p>{pictures}'
+
+    floor: str
+    plan: int | None
+    view_box: tuple[float, float, float, float]
+    px: float
+    truth: list[tuple[float, float]]
+    truth_points: str
+    tracks: list[_PageTrack]
+    worst: list[tuple[float, float, str]]
+    scale_bar: tuple[float, float, float]
 
 
-def _walk_html(walk: WorstWalk, plans: Mapping[tuple[str, str], Floor], result: ComparisonResult) -> str:
+@dataclass(frozen=True, slots=True)
+class _PageWalk:
+    walk: WorstWalk
+    title: str
+    pictures: list[_WalkPicture]
+
+
+def _page_plan(floor: Floor) -> _PagePlan:
+    walls = "".join(f"M{a[0]:.1f} {-a[1]:.1f}L{b[0]:.1f} {-b[1]:.1f}" for a, b in floor.walls.tolist())
+    return _PagePlan(_ring_path(floor.outline), _ring_path(floor.obstacles), walls)
+
+
+def _page_walk(
+    walk: WorstWalk, plans: Sequence[tuple[str, str]], styles: Mapping[str, LineStyle], report: ReportData
+) -> _PageWalk:
     trial = walk.trial
-    seed = f", seed {trial.seed}" if len(result.provenance.get("seeds", [])) > 1 else ""
-    title = f"{trial.site}: {trial.walk}{seed}"
-    pictures = "".join(
-        f"{svg}<div><small>{escape(floor)}</small></div>"
-        for floor, svg in walk_pictures(walk, plans, pipeline_styles(result))
+    seed = f", seed {trial.seed}" if report.several_seeds else ""
+    outcome = next(iter(trial.outcomes.values()))
+    visited = list(dict.fromkeys(outcome.samples.floors)) or [floor for floor in [outcome.floor] if floor]
+    pictures = [_walk_picture(walk, outcome, floor, plans, styles) for floor in visited]
+    return _PageWalk(walk, f"{trial.site}: {trial.walk}{seed}", pictures)
+
+
+def _walk_picture(
+    walk: WorstWalk,
+    outcome: TrialOutcome,
+    floor: str,
+    plans: Sequence[tuple[str, str]],
+    styles: Mapping[str, LineStyle],
+) -> _WalkPicture:
+    here = np.array([name == floor for name in outcome.samples.floors], dtype=np.bool_)
+    truth = outcome.samples.xy[here]
+    tracks = {name: _track_on_floor(walk.trial.outcomes[name], floor) for name in styles}
+    low, high = crop(truth, np.concatenate([np.zeros((0, 2)), *tracks.values()]))
+    width_m, height_m = (high - low).tolist()
+    px = max(width_m / _WIDTH_PX, height_m / _HEIGHT_PX)
+    # Pipelines that are worst at the same waypoint share its square; the last one gives the colour.
+    worst = {
+        case.worst_sample: styles[case.pipeline].color
+        for case in walk.worst_cases
+        if case.pipeline in styles and here[case.worst_sample]
+    }
+    corners = [
+        (float(outcome.samples.xy[i, 0]) - 6 * px, -float(outcome.samples.xy[i, 1]) - 6 * px, color)
+        for i, color in worst.items()
+    ]
+    bar_m = next((length for length in _SCALE_BARS_M if length < 0.3 * width_m), _SCALE_BARS_M[-1])
+    key = (walk.trial.site, floor)
+    return _WalkPicture(
+        floor=floor,
+        plan=plans.index(key) if key in plans else None,
+        view_box=(float(low[0]), -float(high[1]), width_m, height_m),
+        px=px,
+        truth=[(x, -y) for x, y in truth.tolist()],
+        truth_points=_svg_points(truth),
+        tracks=[
+            _PageTrack(
+                pipeline=name,
+                points=_svg_points(xy),
+                color=styles[name].color,
+                width=1.2 * styles[name].width * px,
+                dashes=_dash_pattern(styles[name], 2 * px),
+            )
+            for name, xy in tracks.items()
+        ],
+        worst=corners,
+        scale_bar=(float(low[0]) + 0.03 * width_m, -float(low[1]) - 0.04 * height_m, bar_m),
     )
-    rows = tuple(
-        (
-            t.pipeline,
-            f"{t.mean_m:.1f}",
-            f"{t.worst_m:.1f}",
-            f"{t.worst_s:.0f}",
-            "; ".join(filter(None, (t.floor, "" if t.covered else "not surveyed", t.diagnosis))),
-        )
-        for t in walk.worst_cases
-    )
-    columns = ("pipeline", "mean, m", "worst, m", "at, s", "what the pipeline said of itself there")
-    table = ReportTable(caption="", columns=columns, rows=rows)
-    body = table_html(table) if rows else "<p>No waypoint was scored.</p>"
-    return f'<article class="walk"><h3>{escape(title)}</h3>{pictures}{body}</article>\n'
 
 
 def _floors_of_walk(walk: WorstWalk) -> set[str]:
@@ -128,141 +221,21 @@ def _floors_of_walk(walk: WorstWalk) -> set[str]:
     return set(outcome.samples.floors) | {outcome.floor}
 
 
-def _svg_dashes(dashes: Any) -> str:
-    return "none" if dashes == "solid" else " ".join(f"{2 * d:g}" for d in dashes[1])
+def _track_on_floor(outcome: TrialOutcome, floor: str) -> Floats:
+    """Return the positions (n, 2) of a thinned track on ``floor``, metres."""
+    track = outcome.thinned_track
+    if floor not in track.floors:
+        return np.zeros((0, 2))
+    return np.asarray(track.xy[track.floor == track.floors.index(floor)], dtype=np.float64)
 
 
-_MAX_LISTED: Final = 12
+def _dash_pattern(style: LineStyle, scale: float) -> str:
+    return "none" if style.dashes == "solid" else " ".join(f"{scale * dash:.3g}" for dash in style.dashes[1])
 
 
-def html_page(
-    result: ComparisonResult, charts: Sequence[Chart], floors: Mapping[tuple[str, str], Floor], *, draw: int
-) -> str:
-    """Return the page.
-
-    Args:
-        result: what it is about.
-        charts: drawn already; their SVGs become part of the page.
-        floors: plans by ground and floor.
-        draw: greatest number of walks to draw, the worst first.
-    """
-    walks = worst_walks(result.trials)
-    drawn = walks[:draw]
-    names = ", ".join(result.pipelines)
-    sections = [
-        f"<h1>Comparison of {escape(names if len(names) < 120 else f'{len(result.pipelines)} pipelines')}</h1>",
-        _summary_html(result, len(walks)),
-        _section_html("Verdict", _verdicts_html(result)),
-        _section_html("Figures", "".join(figure_html(chart, i) for i, chart in enumerate(charts))),
-        _section_html("Errors", "".join(table_html(table) for table in error_tables(result))),
-        _section_html("Differences", _comparisons_html(result)),
-        _section_html("Tracks", table_html(track_table(result))),
-        _section_html("Uncertainty", table_html(uncertainty_table(result))),
-        _section_html("Cost", table_html(cost_table(result))),
-        _section_html("Where", table_html(site_table(result)) if len(result.sites) > 1 else ""),
-        _section_html("Walks, the worst first", walks_html(result, drawn, len(walks), floors)),
-        _section_html("How it was made", _provenance_html(result)),
-    ]
-    style = files("tickfix.evaluation.report").joinpath("report.css").read_text("utf-8")
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f"<title>tickfix compare: {escape(names[:80])}</title>"
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<style>{style}</style></head><body>\n{chr(10).join(sections)}\n</body></html>\n"
-    )
+def _svg_points(xy: Floats) -> str:
+    return " ".join(f"{x:.1f},{-y:.1f}" for x, y in xy.tolist())
 
 
-def _section_html(title: str, body: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>\n{body}\n</section>" if body else ""
-
-
-def _summary_html(result: ComparisonResult, walks: int) -> str:
-    seeds = result.provenance.get("seeds", [0])
-    samples, covered = len(result.samples[Scope.ALL]), len(result.samples[Scope.COVERED])
-    text = (
-        f"{walks} walks on {len(result.sites)} {'site' if len(result.sites) == 1 else 'sites'}, "
-        f"{len(seeds)} {'seed' if len(seeds) == 1 else 'seeds'}; {samples} errors at waypoints where every pipeline "
-        f"has an estimate, {covered} of them covered by the survey. Baseline: {result.baseline}."
-    )
-    return f"<p>{escape(text)}</p>"
-
-
-def _verdicts_html(result: ComparisonResult) -> str:
-    if not result.verdicts():
-        only = len(result.pipelines) == 1
-        return f"<p>{'There is nothing to compare one pipeline with.' if only else 'No waypoint was scored.'}</p>"
-    parts = [_verdict_list_html(result, Scope.ALL)]
-    if result.partly_covered:
-        parts.append("<p>At the waypoints covered by the survey:</p>" + _verdict_list_html(result, Scope.COVERED))
-    note = (
-        "Differences are pipeline less baseline. Intervals and tests take chains of walks as a whole; p is corrected "
-        f"for {len(result.verdicts())} {'pipeline' if len(result.verdicts()) == 1 else 'pipelines'} compared (Holm). "
-        f"The verdict is about the {result.metric} over all scored waypoints."
-    )
-    return "".join(parts) + f'<p class="note">{escape(note)}</p>'
-
-
-def _verdict_list_html(result: ComparisonResult, scope: Scope) -> str:
-    items = []
-    for c in result.verdicts(scope):
-        worse = ""
-        if c.worse_walks and scope is Scope.ALL:
-            named = ", ".join(f"{walk} (+{by_m:.1f} m)" for walk, by_m in c.worse_walks[:_MAX_LISTED])
-            more = f" and {len(c.worse_walks) - _MAX_LISTED} more" if len(c.worse_walks) > _MAX_LISTED else ""
-            worse = f"<br><small>worse on {escape(named)}{more}</small>"
-        items.append(f'<li class="{c.conclusion.name.lower()}">{escape(c.verdict)}{worse}</li>')
-    return f'<ul class="verdicts">{"".join(items)}</ul>'
-
-
-def _comparisons_html(result: ComparisonResult) -> str:
-    if not result.comparisons:
-        return ""
-    caption = (
-        f"Differences from {result.baseline} in metres; p of the paired test, alone and corrected for the pipelines of "
-        "a metric and scope; walks needed to tell a difference of this size, and the difference that these walks would "
-        "have told, with a power of 80 %"
-    )
-    note = (
-        "The verdict is about one metric chosen before. Searching this table for a small p finds one sooner or later."
-    )
-    return table_html(comparison_table(result.comparisons, caption)) + f'<p class="note">{note}</p>'
-
-
-def _provenance_html(result: ComparisonResult) -> str:
-    p = result.provenance
-    rows: list[tuple[str, Any]] = [
-        ("command", p.get("command", "")),
-        ("in folder", p.get("folder", "")),
-        ("versions", ", ".join(f"{name} {version}" for name, version in p.get("versions", {}).items())),
-        ("seeds", ", ".join(map(str, p.get("seeds", [])))),
-        ("start", "first waypoint told" if p.get("start_known") else "unknown"),
-        ("cross-validation", _crossvalidation_text(p.get("crossvalidation"))),
-        ("messages", ", ".join(f"{name} {count}" for name, count in result.summary.intake.items())),
-        ("stage failures", ", ".join(f"{name} ({n} ticks)" for name, n in result.failures.items()) or "none"),
-    ]
-    listed = "".join(f"<dt>{escape(name)}</dt><dd>{escape(str(value))}</dd>" for name, value in rows if value != "")
-    code = tuple((name, digest) for name, digest in p.get("code", {}).items())
-    sites = tuple((g["name"], g["walks"], g["digest"]) for g in p.get("sites", []))
-    tables = [
-        choices_table(result),
-        digest_table(result),
-        ReportTable(caption="SHA-256 of the code that ran", columns=("pipeline", "code"), rows=code),
-        ReportTable(caption="SHA-256 of the sites", columns=("site", "walks", "digest"), rows=_text_rows(sites)),
-        ReportTable(
-            caption="SHA-256 of the walks",
-            columns=("site", "walk", "file"),
-            rows=tuple(dict.fromkeys((t.site, t.walk, t.sha256) for t in result.trials)),
-        ),
-    ]
-    details = "".join(
-        f"<details><summary>{escape(t.caption)}</summary>{table_html(t)}</details>" for t in tables if t.rows
-    )
-    return f"<dl>{listed}</dl>{details}"
-
-
-def _crossvalidation_text(found: Mapping[str, Any] | None) -> str:
-    return "" if not found else f"{found['folds']} folds a floor, {found['spare']:g} of the walks left alone"
-
-
-def _text_rows(rows: Iterable[tuple[Any, ...]]) -> tuple[tuple[str, ...], ...]:
-    return tuple(tuple(map(str, row)) for row in rows)
+def _ring_path(rings: Iterable[Floats]) -> str:
+    return "".join("M" + "L".join(f"{x:.1f} {-y:.1f}" for x, y in ring.tolist()) + "Z" for ring in rings if len(ring))

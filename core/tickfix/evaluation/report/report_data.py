@@ -1,9 +1,14 @@
-"""The data of a report, independent of its format: tables of text with the best cells marked, and the worst walks."""
+"""The report model: what a report of a comparison shows, independent of its format.
+
+:func:`build_report` makes a :class:`ReportData` of a result: verdicts, tables, the worst walks and the provenance. The
+terminal, HTML, Markdown and JSON renderers format it and compute nothing of their own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -11,227 +16,46 @@ import numpy as np
 from tickfix.evaluation.comparison.comparison_result import ComparisonResult
 from tickfix.evaluation.comparison.pooled_metrics import Scope, scored
 from tickfix.evaluation.comparison.trials import Trial
-from tickfix.evaluation.paired_comparison import PairedComparison
-from tickfix.evaluation.paired_statistics import BootstrapInterval
+from tickfix.evaluation.report.report_tables import (
+    ReportTable,
+    comparison_table,
+    cost_table,
+    error_tables,
+    pooled_metrics_table,
+    provenance_tables,
+    site_table,
+    track_table,
+    uncertainty_table,
+)
 
 
-def format_metres(value: float | None) -> str:
-    """Return metres with two digits, a dash for none."""
-    return "–" if value is None else f"{value:.2f}"
-
-
-def format_signed(value: float) -> str:
-    """Return metres with their sign and two digits."""
-    return f"{value:+.2f}".replace("-", "−")
-
-
-def format_percent(value: float | None) -> str:
-    """Return a share as per cent, a dash for none."""
-    return "–" if value is None else f"{100 * value:.1f} %"
-
-
-def format_number(value: float | None) -> str:
-    """Return a number with three significant digits at least, a dash for none."""
-    return "–" if value is None else f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
-def best_text(
-    values: Sequence[float | None],
-    format_value: Callable[[float | None], str],
-    best: Callable[[Sequence[float]], float],
-) -> str | None:
-    """Return how the best of a column is shown; None where all are shown alike, and so none stands out."""
-    known = [value for value in values if value is not None]
-    return format_value(best(known)) if known and len(set(map(format_value, values))) > 1 else None
-
-
-_Formatter = Callable[[Any], str]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReportTable:
-    """A table of text.
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A figure of the report.
 
     Attributes:
-        caption: what it shows, with units.
-        columns: titles; the first column is of labels.
-        rows: as many cells as columns each.
-        best: for each row the numbers of the cells, the label apart, that are best of their column.
+        path: the SVG file.
+        title, caption: above and below it.
+        keeps_colors: whether its colours carry values, so that a dark page must not exchange them.
     """
 
+    path: Path
+    title: str
     caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    best: tuple[frozenset[int], ...] = ()
-
-
-_LOWEST: Final = min
-_HIGHEST: Final = max
-_ERROR_METRICS: Final = (
-    ("mean", "mean_m", format_metres, _LOWEST),
-    ("median", "median_m", format_metres, _LOWEST),
-    ("p75", "p75_m", format_metres, _LOWEST),
-    ("p90", "p90_m", format_metres, _LOWEST),
-    ("p95", "p95_m", format_metres, _LOWEST),
-    ("max", "max_m", format_metres, _LOWEST),
-    ("RMSE", "rmse_m", format_metres, _LOWEST),
-    ("CE50", "ce50_m", format_metres, _LOWEST),
-    ("CE95", "ce95_m", format_metres, _LOWEST),
-    ("IPIN", "ipin_m", format_metres, _LOWEST),
-    ("floor", "floor_probability", format_percent, _HIGHEST),
-)
-_TRACK_METRICS: Final = (
-    ("available", "availability", format_percent, _HIGHEST),
-    ("first position, s", "first_position_s", format_number, _LOWEST),
-    ("wall crossings a minute", "crossings_per_minute", format_number, _LOWEST),
-    ("outside", "outside", format_percent, _LOWEST),
-    ("acceleration, m/s²", "acceleration_mps2", format_number, _LOWEST),
-    ("length of track / way", "path_ratio", format_number, None),
-    ("jumps a stationary minute", "jumps_per_stationary_minute", format_number, _LOWEST),
-)
-_UNCERTAINTY_METRICS: Final = (
-    ("NEES mean (2)", "nees_mean", format_number, None),
-    ("NEES median (1.39)", "nees_median", format_number, None),
-    *(
-        (f"{shape} {level} %", f"{shape}_{level}", format_percent, None)
-        for shape in ("ellipse", "density")
-        for level in (50, 90, 95)
-    ),
-)
-_COST_METRICS: Final = (
-    ("tick, µs", "tick_us", format_number, _LOWEST),
-    ("of it pdr", "pdr_us", format_number, None),
-    ("of it filter", "filter_us", format_number, None),
-    ("fix, µs", "fix_us", format_number, _LOWEST),
-)
-_SCOPE_PHRASES: Final = {
-    Scope.ALL: "at all scored waypoints",
-    Scope.COVERED: "at waypoints covered by the survey",
-    Scope.INTERPOLATED: "between waypoints, every second, against INTERPOLATED truth",
-}
-
-
-def error_tables(result: ComparisonResult) -> tuple[ReportTable, ...]:
-    """Return the error figures of each scope that has points."""
-    return tuple(
-        _metrics_table(
-            {name: result.metrics[name][scope.value] for name in result.pipelines},
-            f"Errors in metres {words}: {len(result.samples[scope])} points",
-            _ERROR_METRICS,
-        )
-        for scope, words in _SCOPE_PHRASES.items()
-        if len(result.samples[scope])
-    )
-
-
-def track_table(result: ComparisonResult) -> ReportTable:
-    """Return the figures of whole tracks."""
-    tracks = {name: result.metrics[name]["tracks"] for name in result.pipelines}
-    minutes = next(iter(tracks.values()))["stationary_minutes"] if tracks else 0.0
-    return _metrics_table(tracks, f"Tracks; {minutes:.1f} minutes of standing", _TRACK_METRICS)
-
-
-def uncertainty_table(result: ComparisonResult) -> ReportTable:
-    """Return the figures of uncertainty."""
-    said = {name: result.metrics[name][Scope.ALL.value] for name in result.pipelines}
-    return _metrics_table(
-        said, "Uncertainty at all scored waypoints: share of truths in the regions", _UNCERTAINTY_METRICS
-    )
-
-
-def cost_table(result: ComparisonResult) -> ReportTable:
-    """Return what the pipelines cost."""
-    costs = {name: result.metrics[name]["cost"] for name in result.pipelines}
-    return _metrics_table(costs, "Processor time per tick, and of the fingerprint per scan", _COST_METRICS)
-
-
-def comparison_table(comparisons: Sequence[PairedComparison], caption: str) -> ReportTable:
-    """Return differences with intervals and p-values."""
-    rows = []
-    for c in comparisons:
-        i = c.interval
-        rows.append(
-            (
-                c.pipeline,
-                c.metric,
-                c.scope,
-                format_signed(i.difference_m),
-                _interval_text(i),
-                f"{c.p_uncorrected:.4f}",
-                f"{c.p:.4f}",
-                c.conclusion.value,
-                "–" if c.walks_needed is None else f"{c.walks_needed}",
-                format_metres(c.detectable_m),
-            )
-        )
-    columns = ("pipeline", "metric", "scope", "difference", "95 % CI", "p", "p corrected", "conclusion")
-    return ReportTable(caption=caption, columns=(*columns, "walks needed", "detectable"), rows=tuple(rows))
-
-
-def site_table(result: ComparisonResult) -> ReportTable:
-    """Return means and differences ground by ground."""
-    rows = []
-    for part in result.sites:
-        found = {c.pipeline: c for c in part.comparisons}
-        for name in result.pipelines:
-            c = found.get(name)
-            span = "" if c is None else _interval_text(c.interval)
-            difference = "baseline" if c is None else format_signed(c.interval.difference_m)
-            rows.append((part.site, str(part.walks), name, format_metres(part.means_m[name]), difference, span))
-    columns = ("site", "walks", "pipeline", "mean", "difference", "95 % CI")
-    caption = f"Mean error in metres by site, and its difference from {result.baseline}"
-    return ReportTable(caption=caption, columns=columns, rows=tuple(rows))
-
-
-def choices_table(result: ComparisonResult) -> ReportTable:
-    """Return the choices of each pipeline."""
-    chosen: Mapping[str, Mapping[str, str]] = result.provenance.get("pipelines", {})
-    rows = tuple((name, stage, words) for name, stages in chosen.items() for stage, words in stages.items())
-    return ReportTable(
-        caption="Pipelines, all parameters spelt out", columns=("pipeline", "stage", "choice"), rows=rows
-    )
-
-
-def digest_table(result: ComparisonResult) -> ReportTable:
-    """Return the pooled digests."""
-    rows = tuple((name, p.published, p.settled) for name, p in result.summary.pipelines.items())
-    caption = "SHA-256 of all tracks, published and settled: the same again on the same machine"
-    return ReportTable(caption=caption, columns=("pipeline", "published", "settled"), rows=rows)
-
-
-def _interval_text(interval: BootstrapInterval) -> str:
-    if interval.low_m is None or interval.high_m is None:
-        return "–"
-    return f"{format_signed(interval.low_m)} … {format_signed(interval.high_m)}"
-
-
-def _metrics_table(
-    by_pipeline: Mapping[str, Mapping[str, Any]],
-    caption: str,
-    columns: Sequence[tuple[str, str, _Formatter, Callable[[Sequence[float]], float] | None]],
-) -> ReportTable:
-    rows, bests = [], []
-    winners: list[str | None] = []
-    for _, key, format_value, best in columns:
-        winners.append(None if best is None else best_text([f[key] for f in by_pipeline.values()], format_value, best))
-    for name, metrics in by_pipeline.items():
-        cells = [format_value(metrics[key]) for _, key, format_value, _ in columns]
-        rows.append((name, *cells))
-        bests.append(frozenset(i for i, cell in enumerate(cells) if winners[i] == cell))
-    titles = ("pipeline", *(title for title, *_ in columns))
-    return ReportTable(caption=caption, columns=titles, rows=tuple(rows), best=tuple(bests))
+    keeps_colors: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorstCase:
-    """One pipeline on one walk.
+    """The worst waypoint of one pipeline on one walk.
 
     Attributes:
-        mean_m: of the errors at scored waypoints.
-        worst_m, worst_s: the greatest of them, and when it was, seconds since the first waypoint.
-        covered: whether the survey had been there.
-        floor: on which the estimate was wrong, empty where it was right.
-        diagnosis: what the pipeline said of itself then.
+        mean_m: mean error at the scored waypoints, metres.
+        worst_m, worst_s: the greatest error, metres, and its time, seconds since the first waypoint.
+        worst_sample: index of that waypoint.
+        covered: whether the survey covers the waypoint.
+        floor_right: whether the estimate was on the right floor.
+        diagnosis: status, reasons and ages of the estimate there.
     """
 
     pipeline: str
@@ -240,28 +64,40 @@ class WorstCase:
     worst_s: float
     worst_sample: int
     covered: bool
-    floor: str
+    floor_right: bool
     diagnosis: str
+
+    @property
+    def remarks(self) -> str:
+        """The diagnosis, preceded by what else explains the error."""
+        floor = "" if self.floor_right else "wrong floor"
+        return "; ".join(filter(None, (floor, "" if self.covered else "not surveyed", self.diagnosis)))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WorstWalk:
-    """A walk with the trouble that each pipeline had on it."""
+    """A walk with the worst waypoint of each pipeline; empty if no waypoint was scored."""
 
     trial: Trial
     worst_cases: tuple[WorstCase, ...]
 
     @property
     def mean_m(self) -> float:
-        """Mean error of the pipeline that was worst."""
+        """Mean error of the worst pipeline, metres."""
         return max((worst_case.mean_m for worst_case in self.worst_cases), default=0.0)
+
+    def table(self) -> ReportTable:
+        """Return the worst waypoint of each pipeline as a table."""
+        rows = tuple(
+            (case.pipeline, f"{case.mean_m:.1f}", f"{case.worst_m:.1f}", f"{case.worst_s:.0f}", case.remarks)
+            for case in self.worst_cases
+        )
+        columns = ("pipeline", "mean, m", "worst, m", "at, s", "state of the pipeline there")
+        return ReportTable(caption="", columns=columns, rows=rows)
 
 
 def worst_walks(trials: Sequence[Trial]) -> tuple[WorstWalk, ...]:
-    """Return every walk once, with the seed that was worst, the walk with the greatest mean error first.
-
-    Walks of which no waypoint was scored come last.
-    """
+    """Return every walk once, with its worst seed, by falling mean error; walks without a scored waypoint last."""
     worst: dict[tuple[str, str], WorstWalk] = {}
     for trial in trials:
         walk = WorstWalk(trial=trial, worst_cases=_worst_cases(trial))
@@ -287,8 +123,178 @@ def _worst_cases(trial: Trial) -> tuple[WorstCase, ...]:
                 worst_s=float(outcome.samples.t_ns[i] - outcome.samples.t_ns[0]) * 1e-9,
                 worst_sample=i,
                 covered=bool(outcome.covered[i]),
-                floor="" if sample_errors.floor_right[i] else "wrong floor",
+                floor_right=bool(sample_errors.floor_right[i]),
                 diagnosis=str(outcome.diagnoses[i]),
             )
         )
     return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The verdict on one pipeline.
+
+    Attributes:
+        conclusion: ``better``, ``worse``, ``inconclusive`` or ``identical``.
+        sentence: the verdict in words.
+        worse_on: the walks on which the pipeline is worse than the baseline, as text; empty if there is none.
+    """
+
+    conclusion: str
+    sentence: str
+    worse_on: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportSection:
+    """Tables under one title, with a note below them."""
+
+    title: str
+    tables: tuple[ReportTable, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ReportData:
+    """What a report of a comparison shows, in any format.
+
+    Attributes:
+        pipelines: names, in the order of the configuration.
+        summary: what was compared, in one sentence.
+        pooled: the table of ``tickfix replay``.
+        verdicts: on all scored waypoints; empty if there is nothing to compare, and ``no_verdict`` says why.
+        covered_verdicts: on the waypoints covered by the survey, if it covers only part of them.
+        verdict_note: how to read the verdicts.
+        errors: error metrics of the pipelines by scope.
+        details: differences, whole tracks, uncertainty, cost, and sites if there are several.
+        walks: every walk, the worst first.
+        several_seeds: whether walks were run with more than one seed.
+        command: the command line that made the report.
+        provenance: names and values.
+        provenance_tables: parameters and digests.
+        document: the object that ``tickfix compare --json`` prints.
+    """
+
+    pipelines: tuple[str, ...]
+    summary: str
+    pooled: ReportTable
+    verdicts: tuple[Verdict, ...]
+    covered_verdicts: tuple[Verdict, ...]
+    no_verdict: str
+    verdict_note: str
+    errors: ReportSection
+    details: tuple[ReportSection, ...]
+    walks: tuple[WorstWalk, ...]
+    several_seeds: bool
+    command: str
+    provenance: tuple[tuple[str, str], ...]
+    provenance_tables: tuple[ReportTable, ...]
+    document: Mapping[str, Any]
+
+    @property
+    def title(self) -> str:
+        """The title: the pipelines, or their number if their names are long."""
+        names = ", ".join(self.pipelines)
+        return f"Comparison of {names if len(names) < 120 else f'{len(self.pipelines)} pipelines'}"
+
+
+def build_report(result: ComparisonResult) -> ReportData:
+    """Return the report model of a comparison."""
+    walks = worst_walks(result.trials)
+    seeds = result.provenance.get("seeds", [0])
+    verdicts = _verdicts(result, Scope.ALL)
+    alone = len(result.pipelines) == 1
+    return ReportData(
+        pipelines=result.pipelines,
+        summary=_summary(result, len(walks), len(seeds)),
+        pooled=pooled_metrics_table(result.summary),
+        verdicts=verdicts,
+        covered_verdicts=_verdicts(result, Scope.COVERED) if result.partly_covered else (),
+        no_verdict="There is nothing to compare one pipeline with." if alone else "No waypoint was scored.",
+        verdict_note=(
+            "Differences are pipeline minus baseline. Intervals and tests resample whole chains of walks; p is "
+            f"corrected for {_counted(len(verdicts), 'pipeline')} compared (Holm). The verdict is about the "
+            f"{result.metric} over all scored waypoints."
+        )
+        if verdicts
+        else "",
+        errors=ReportSection(title="Errors", tables=error_tables(result)),
+        details=_detail_sections(result),
+        walks=walks,
+        several_seeds=len(seeds) > 1,
+        command=str(result.provenance.get("command", "")),
+        provenance=_provenance_rows(result),
+        provenance_tables=tuple(table for table in provenance_tables(result) if table.rows),
+        document=result.as_json(),
+    )
+
+
+_MAX_WALKS_NAMED: Final = 12
+
+
+def _verdicts(result: ComparisonResult, scope: Scope) -> tuple[Verdict, ...]:
+    found = []
+    for c in result.verdicts(scope):
+        worse_on = ""
+        if c.worse_walks and scope is Scope.ALL:
+            named = ", ".join(f"{walk} (+{by_m:.1f} m)" for walk, by_m in c.worse_walks[:_MAX_WALKS_NAMED])
+            rest = len(c.worse_walks) - _MAX_WALKS_NAMED
+            worse_on = f"worse on {named}{f' and {rest} more' if rest > 0 else ''}"
+        found.append(Verdict(conclusion=c.conclusion.value, sentence=c.verdict, worse_on=worse_on))
+    return tuple(found)
+
+
+def _summary(result: ComparisonResult, walks: int, seeds: int) -> str:
+    return (
+        f"{_counted(walks, 'walk')} on {_counted(len(result.sites), 'site')}, {_counted(seeds, 'seed')}; "
+        f"{len(result.samples[Scope.ALL])} errors at waypoints where every pipeline has an estimate, "
+        f"{len(result.samples[Scope.COVERED])} of them covered by the survey. Baseline: {result.baseline}."
+    )
+
+
+def _detail_sections(result: ComparisonResult) -> tuple[ReportSection, ...]:
+    sections = []
+    if result.comparisons:
+        caption = (
+            f"Differences from {result.baseline} in metres; p of the paired test, alone and corrected for the "
+            "pipelines of a metric and scope; number of walks that would show a difference of this size, and the "
+            "difference that these walks would have shown, with a power of 80 %"
+        )
+        note = (
+            "The verdict is about one metric that was chosen before the run. A search through this table for a small p "
+            "finds one by chance sooner or later."
+        )
+        sections.append(
+            ReportSection(title="Differences", tables=(comparison_table(result.comparisons, caption),), note=note)
+        )
+    sections += [
+        ReportSection(title="Tracks", tables=(track_table(result),)),
+        ReportSection(title="Uncertainty", tables=(uncertainty_table(result),)),
+        ReportSection(title="Cost", tables=(cost_table(result),)),
+    ]
+    if len(result.sites) > 1:
+        sections.append(ReportSection(title="Sites", tables=(site_table(result),)))
+    return tuple(sections)
+
+
+def _provenance_rows(result: ComparisonResult) -> tuple[tuple[str, str], ...]:
+    p = result.provenance
+    folds = p.get("crossvalidation")
+    rows = (
+        ("command", p.get("command", "")),
+        ("folder", p.get("folder", "")),
+        ("versions", ", ".join(f"{name} {version}" for name, version in p.get("versions", {}).items())),
+        ("seeds", ", ".join(map(str, p.get("seeds", [])))),
+        ("start", "first waypoint given" if p.get("start_known") else "unknown"),
+        (
+            "cross-validation",
+            f"{folds['folds']} folds per floor, {folds['holdout_share']:g} of the walks held out" if folds else "",
+        ),
+        ("messages", ", ".join(f"{name} {count}" for name, count in result.summary.intake.items())),
+        ("stage failures", ", ".join(f"{name} ({n} ticks)" for name, n in result.failures.items()) or "none"),
+    )
+    return tuple((name, str(value)) for name, value in rows if value != "")
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

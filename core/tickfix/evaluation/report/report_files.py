@@ -1,4 +1,4 @@
-"""Writes the folder of a report: HTML, Markdown, JSON and CSV."""
+"""The folder of a report: renders HTML, Markdown and JSON from one :class:`ReportData`, and writes CSV."""
 
 from __future__ import annotations
 
@@ -12,74 +12,55 @@ from typing import Any, Final
 from tickfix.api import Floor
 from tickfix.evaluation.comparison.comparison_result import ComparisonResult
 from tickfix.evaluation.comparison.pooled_metrics import Scope, chain_names
-from tickfix.evaluation.report.charts import Chart, draw_charts
+from tickfix.evaluation.report.charts import draw_charts, pipeline_styles
 from tickfix.evaluation.report.html_report import html_page
-from tickfix.evaluation.report.report_data import (
-    ReportTable,
-    choices_table,
-    comparison_table,
-    cost_table,
-    digest_table,
-    error_tables,
-    site_table,
-    track_table,
-    uncertainty_table,
-    worst_walks,
-)
+from tickfix.evaluation.report.report_data import Chart, ReportData, ReportSection, Verdict, build_report
+from tickfix.evaluation.report.report_tables import ReportTable
 
 _MAX_WORST_WALKS: Final = 20
 
 
-def markdown_report(result: ComparisonResult, charts: Sequence[Chart]) -> str:
-    """Return the report; figures are linked."""
-    parts = [f"# Comparison of {', '.join(result.pipelines)}", "## Verdict", _markdown_verdicts(result, Scope.ALL)]
-    if result.partly_covered:
-        parts += ["At the waypoints covered by the survey:", _markdown_verdicts(result, Scope.COVERED)]
-    parts.append("## Figures")
+def markdown_report(report: ReportData, charts: Sequence[Chart]) -> str:
+    """Return the report as Markdown; figures are linked."""
+    parts = [f"# {_markdown_escaped(report.title)}", _markdown_escaped(report.summary), "## Verdict"]
+    parts.append(_markdown_verdicts(report.verdicts) or report.no_verdict)
+    if report.covered_verdicts:
+        parts += ["At the waypoints covered by the survey:", _markdown_verdicts(report.covered_verdicts)]
+    parts += [_markdown_escaped(report.verdict_note), *_markdown_section(report.errors)]
+    if charts:
+        parts.append("## Figures")
     parts += [f"![{c.title}]({c.path.parent.name}/{c.path.name})\n\n**{c.title}.** {c.caption}" for c in charts]
-    parts += ["## Errors", *map(_markdown_table, error_tables(result))]
-    if result.comparisons:
-        caption = f"Differences from {result.baseline} in metres"
-        parts += ["## Differences", _markdown_table(comparison_table(result.comparisons, caption))]
-    parts += [
-        "## Tracks",
-        _markdown_table(track_table(result)),
-        "## Uncertainty",
-        _markdown_table(uncertainty_table(result)),
-    ]
-    parts += ["## Cost", _markdown_table(cost_table(result))]
-    if len(result.sites) > 1:
-        parts += ["## Where", _markdown_table(site_table(result))]
-    parts += ["## The worst walks", _markdown_worst_walks(result), "## How it was made"]
-    parts += [f"```sh\n{result.provenance.get('command', '')}\n```"]
-    parts += [_markdown_table(choices_table(result)), _markdown_table(digest_table(result))]
+    for section in report.details:
+        parts += _markdown_section(section)
+    parts.append("## Worst walks")
+    for walk in report.walks[:_MAX_WORST_WALKS]:
+        if walk.worst_cases:
+            parts += [_markdown_escaped(f"{walk.trial.site}: {walk.trial.walk}"), _markdown_table(walk.table())]
+    parts += ["## Provenance", f"```sh\n{report.command}\n```"]
+    parts += [f"- {name}: {_markdown_escaped(value)}" for name, value in report.provenance if name != "command"]
+    parts += [_markdown_table(table) for table in report.provenance_tables]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _markdown_verdicts(result: ComparisonResult, scope: Scope) -> str:
-    return "\n".join(f"- {_markdown_escaped(c.verdict)}" for c in result.verdicts(scope)) or "Nothing to compare."
+def _markdown_verdicts(verdicts: Sequence[Verdict]) -> str:
+    return "\n".join(
+        f"- {_markdown_escaped(v.sentence)}{f' ({_markdown_escaped(v.worse_on)})' if v.worse_on else ''}"
+        for v in verdicts
+    )
 
 
-def _markdown_worst_walks(result: ComparisonResult) -> str:
-    rows = []
-    for walk in worst_walks(result.trials)[:_MAX_WORST_WALKS]:
-        rows += [
-            (walk.trial.site, walk.trial.walk, t.pipeline, f"{t.mean_m:.1f}", f"{t.worst_m:.1f}", t.diagnosis)
-            for t in walk.worst_cases
-        ]
-    columns = ("site", "walk", "pipeline", "mean, m", "worst, m", "what it said of itself there")
-    return _markdown_table(ReportTable(caption="", columns=columns, rows=tuple(rows)))
+def _markdown_section(section: ReportSection) -> list[str]:
+    if not section.tables:
+        return []
+    return [f"## {section.title}", *map(_markdown_table, section.tables), _markdown_escaped(section.note)]
 
 
 def _markdown_table(table: ReportTable) -> str:
-    best = table.best or (frozenset[int](),) * len(table.rows)
     lines = [f"{_markdown_escaped(table.caption)}\n"] if table.caption else []
     lines.append("| " + " | ".join(map(_markdown_escaped, table.columns)) + " |")
     lines.append("|---" * len(table.columns) + "|")
-    for row, good in zip(table.rows, best, strict=True):
-        cells = [
-            f"**{_markdown_escaped(cell)}**" if i - 1 in good else _markdown_escaped(cell) for i, cell in enumerate(row)
-        ]
+    for row in table.marked_rows():
+        cells = [f"**{_markdown_escaped(cell)}**" if is_best else _markdown_escaped(cell) for cell, is_best in row]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -164,30 +145,31 @@ def _write_csv_file(path: Path, columns: Sequence[str], rows: Any) -> None:
 
 
 def write_report(result: ComparisonResult, floors: Mapping[tuple[str, str], Floor], folder: Path, *, draw: int) -> Path:
-    """Write a report and return its page.
+    """Write a report and return the path of its page.
 
     ::
 
         report.html            the page, which needs no other file
         report.md, figures/    the same as Markdown, with its figures as SVG
         report.json            what ``tickfix compare --json`` prints
-        points.csv, figures.csv, comparisons.csv
+        samples.csv, metrics.csv, comparisons.csv
 
     Args:
         result: what it is about.
-        floors: plans by ground and floor.
-        folder: which must exist; a report in it is replaced.
+        floors: plans by site and floor.
+        folder: an existing folder; a report in it is replaced.
         draw: greatest number of walks to draw.
     """
     figures = folder / "figures"
     figures.mkdir(exist_ok=True)
     for old in figures.glob("*.svg"):
         old.unlink()
+    report = build_report(result)
     charts = draw_charts(result, figures)
     page = folder / "report.html"
-    page.write_text(html_page(result, charts, floors, draw=draw), "utf-8")
-    (folder / "report.md").write_text(markdown_report(result, charts), "utf-8")
-    document = json.dumps(result.as_json(), indent=2, ensure_ascii=False, allow_nan=False)
+    page.write_text(html_page(report, charts, pipeline_styles(result), floors, draw=draw), "utf-8")
+    (folder / "report.md").write_text(markdown_report(report, charts), "utf-8")
+    document = json.dumps(report.document, indent=2, ensure_ascii=False, allow_nan=False)
     (folder / "report.json").write_text(document + "\n", "utf-8")
     write_csv(result, folder)
     return page

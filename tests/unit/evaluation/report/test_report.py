@@ -15,9 +15,9 @@ import pytest
 
 from tickfix.api import Floor
 from tickfix.evaluation.comparison.comparison_result import ComparisonResult, compare_trials
-from tickfix.evaluation.report.charts import MAX_LINES, drawn_pipelines, pareto
+from tickfix.evaluation.report.charts import MAX_LINES, drawn_pipelines, pareto, pipeline_styles
 from tickfix.evaluation.report.html_report import html_page, inline_svg
-from tickfix.evaluation.report.report_data import worst_walks
+from tickfix.evaluation.report.report_data import build_report, worst_walks
 from tickfix.evaluation.report.report_files import write_report
 
 HOUR_NS = 3_600_000_000_000
@@ -114,7 +114,7 @@ def test_the_verdict_comes_first_and_names_are_escaped(folder: Path, result: Com
     diagnosis = [word.strip() for word in read((folder / "report.html").read_text("utf-8")).diagnosis if word.strip()]
     text = " ".join(diagnosis)
     assert result.verdicts()[0].verdict in text
-    assert text.index("Verdict") < text.index("Figures") < text.index("Errors in metres")
+    assert text.index("Verdict") < text.index("Errors in metres") < text.index("Figures")
     assert "site: walk <2>" in text
     assert "INTERPOLATED" in text
     assert "tickfix compare …" in text
@@ -208,7 +208,7 @@ def test_inlined_figures_keep_their_references_apart() -> None:
 
 def test_a_run_without_a_scored_waypoint_still_has_a_report(trial_of: Any, tmp_path: Path) -> None:
     result = compare_trials([trial_of("w", A=[None, None], B=[None, (1, 1)])], baseline="A")
-    page = html_page(result, (), FLOORS, draw=5)
+    page = html_page(build_report(result), (), pipeline_styles(result), FLOORS, draw=5)
     read(page)
     assert "No waypoint was scored." in page
     write_report(result, {}, tmp_path, draw=5)
