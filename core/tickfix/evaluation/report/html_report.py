@@ -71,7 +71,8 @@ class _PageChart:
     is_wide: bool
 
 
-_WIDE_ASPECT: Final = 1.75
+_WIDE_PT: Final = 440.0
+"""A chart wider than this takes two columns, so that the text of all charts has about the same size."""
 _PAGE_COLORS: Final = {"#ffffff": "paper", FOREGROUND: "ink", MUTED: "muted", "#e4e4e2": "rule"}
 """The neutral colours of the charts, and the CSS variables that replace them in the page, where they depend on whether
 the reader's screen is light or dark."""
@@ -83,8 +84,8 @@ def _page_chart(chart: Chart, number: int) -> _PageChart:
         for color, variable in _PAGE_COLORS.items():
             # The fallback keeps a figure that is copied out of the page as it was.
             svg = svg.replace(f": {color}", f": var(--{variable}, {color})")
-    size = re.search(r'viewBox="\S+ \S+ (\S+) (\S+)"', svg)
-    is_wide = size is not None and float(size[1]) > _WIDE_ASPECT * float(size[2])
+    size = re.search(r'viewBox="\S+ \S+ (\S+) \S+"', svg)
+    is_wide = size is not None and float(size[1]) > _WIDE_PT
     return _PageChart(chart, Markup(svg), is_wide)  # noqa: S704 - an SVG that draw_charts wrote
 
 

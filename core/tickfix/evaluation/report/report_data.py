@@ -239,7 +239,7 @@ def _verdicts(result: ComparisonResult, scope: Scope) -> tuple[Verdict, ...]:
         if c.worse_walks and scope is Scope.ALL:
             named = ", ".join(f"{walk} (+{by_m:.1f} m)" for walk, by_m in c.worse_walks[:_MAX_WALKS_NAMED])
             rest = len(c.worse_walks) - _MAX_WALKS_NAMED
-            worse_on = f"worse on {named}{f' and {rest} more' if rest > 0 else ''}"
+            worse_on = f"{named}{f' and {rest} more' if rest > 0 else ''}"
         found.append(Verdict(conclusion=c.conclusion.value, sentence=c.verdict, worse_on=worse_on))
     return tuple(found)
 

@@ -44,7 +44,7 @@ def markdown_report(report: ReportData, charts: Sequence[Chart]) -> str:
 
 def _markdown_verdicts(verdicts: Sequence[Verdict]) -> str:
     return "\n".join(
-        f"- {_markdown_escaped(v.sentence)}{f' ({_markdown_escaped(v.worse_on)})' if v.worse_on else ''}"
+        f"- {_markdown_escaped(v.sentence)}{f'; worse on {_markdown_escaped(v.worse_on)}' if v.worse_on else ''}"
         for v in verdicts
     )
 
