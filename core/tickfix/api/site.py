@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tickfix.api.arrays import Bools, Floats, Ints, frozen_floats, frozen_ints
+from tickfix.api.errors import EventError
 from tickfix.api.events import MotionSamples, Scan, Truth
 
 
@@ -53,7 +54,10 @@ class RadioMap:
 
     Attributes:
         floors: names of the F floors.
-        transmitters: ids of the T transmitters, sorted.
+        transmitters: ids of the T transmitters, sorted; an id that two sources use stands there once for each.
+        transmitter_source: the source of each of the T transmitters, such as ``"wifi"`` or ``"ble"``: the ``source`` of
+            the scans that heard it. Empty stands for ``"ble"`` where an id begins with ``ble:`` and ``"wifi"`` for all
+            others, as site folders without this field have it.
         point_floor: (P,) int64, index into ``floors``.
         point_xy: (P, 2) float64, metres.
         sample_point, sample_transmitter: (S,) int64, indices into the points and the transmitters.
@@ -77,9 +81,21 @@ class RadioMap:
     sample_t_ns: Ints
     sample_chain: Ints
     reach_m: float = 0.0
+    transmitter_source: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check their shapes."""
+        """Freeze the arrays and check their shapes.
+
+        Raises:
+            EventError: naming the field whose shape or type is wrong.
+        """
+        sources = tuple(self.transmitter_source) or tuple(
+            "ble" if transmitter.startswith("ble:") else "wifi" for transmitter in self.transmitters
+        )
+        if len(sources) != len(self.transmitters):
+            expected = f"{len(self.transmitters)}, one for every transmitter"
+            raise EventError(f"transmitter_source: found {len(sources)} sources, expected {expected}")
+        object.__setattr__(self, "transmitter_source", sources)
         p, s = len(self.point_xy), len(self.sample_point)
         object.__setattr__(self, "point_floor", frozen_ints("point_floor", self.point_floor, p))
         object.__setattr__(self, "point_xy", frozen_floats("point_xy", self.point_xy, p, 2))
@@ -91,6 +107,15 @@ class RadioMap:
     def __len__(self) -> int:
         """Return the number of reference points."""
         return len(self.point_xy)
+
+    def of_sources(self, sources: Collection[str]) -> Bools:
+        """Tell for each transmitter whether it is of one of ``sources``: (T,) bool."""
+        return np.array([source in sources for source in self.transmitter_source], np.bool_)
+
+    def transmitter_numbers(self, source: str) -> dict[str, int]:
+        """Return the number, an index into ``transmitters``, of each id of one source."""
+        known = zip(self.transmitters, self.transmitter_source, strict=True)
+        return {transmitter: n for n, (transmitter, of) in enumerate(known) if of == source}
 
     def described(self) -> tuple[Ints, Ints]:
         """Return the pairs (point, sample) of which sample describes which point, each (N,) int64, sorted by point."""

@@ -66,10 +66,13 @@ def _string_array(values: Iterable[str]) -> NDArray[np.str_]:
     return np.array(list(values), dtype=np.str_)
 
 
+_TEXT_FIELDS: Final = ("floors", "transmitters", "transmitter_source")
+
+
 def save_radio_map(path: Path, radio_map: RadioMap) -> None:
     """Write the fields of ``radio_map`` under their names."""
     arrays: dict[str, Any] = {field.name: getattr(radio_map, field.name) for field in fields(RadioMap)}
-    arrays |= {name: _string_array(arrays[name]) for name in ("floors", "transmitters")}
+    arrays |= {name: _string_array(arrays[name]) for name in _TEXT_FIELDS}
     save_arrays(path, {name: np.asarray(array) for name, array in arrays.items()})
 
 
@@ -80,9 +83,10 @@ def load_radio_map(path: Path) -> RadioMap:
         SiteError: when the file is missing, damaged, or its arrays do not belong together.
     """
     arrays: dict[str, Any] = dict(load_arrays(path))
+    arrays.setdefault("transmitter_source", _string_array(()))  # surveyed before transmitters had one: derived from ids
     _check_array_names(path, arrays, {field.name for field in fields(RadioMap)})
     try:
-        for name in ("floors", "transmitters"):
+        for name in _TEXT_FIELDS:
             arrays[name] = tuple(map(str, arrays[name].tolist()))
         arrays["reach_m"] = float(arrays["reach_m"])
         radio_map = RadioMap(**arrays)

@@ -21,9 +21,10 @@ from tickfix.site.waypoints import Leg, SurveyTrack, assign_chains, is_held_out,
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WalkReadings:
-    """The readings of one walk, each (transmitter, time heard) once; t_ns (n,) int64, rssi_dbm (n,) float64."""
+    """The readings of one walk, each (source, transmitter, time heard) once; t_ns (n,) int64, rssi_dbm (n,) float64."""
 
     transmitters: NDArray[np.str_]
+    sources: NDArray[np.str_]
     t_ns: Ints
     rssi_dbm: Floats
 
@@ -58,6 +59,7 @@ class RadioMapBuilder:
         for name, values in {
             "floor": np.full(len(rows), self._floors.index(leg.floor), dtype=np.int64),
             "transmitter": heard.transmitters[rows],
+            "source": heard.sources[rows],
             "sample_rssi_dbm": heard.rssi_dbm[rows],
             "sample_xy": leg.at(heard.t_ns[rows]),
             "sample_t_ns": heard.t_ns[rows],
@@ -75,13 +77,17 @@ class RadioMapBuilder:
         if not self._columns or not sum(map(len, self._columns["floor"])):
             return empty_radio_map(self._floors)
         columns: dict[str, Any] = {name: np.concatenate(parts) for name, parts in self._columns.items()}
-        transmitters, index = np.unique(columns.pop("transmitter"), return_inverse=True)
+        ids, id_index = np.unique(columns.pop("transmitter"), return_inverse=True)
+        sources, source_index = np.unique(columns.pop("source"), return_inverse=True)
+        # The same id may be heard by two sources: a transmitter is the pair of both, in the order of ids.
+        pairs, index = np.unique(id_index * len(sources) + source_index, return_inverse=True)
         cells = np.column_stack([columns.pop("floor"), np.floor(columns["sample_xy"] / self._spacing_m)])
         cells, point = np.unique(cells, axis=0, return_inverse=True)
         count = np.bincount(point)
         return RadioMap(
             floors=self._floors,
-            transmitters=tuple(map(str, transmitters)),
+            transmitters=tuple(map(str, ids[pairs // len(sources)])),
+            transmitter_source=tuple(map(str, sources[pairs % len(sources)])),
             point_floor=cells[:, 0].astype(np.int64),
             point_xy=np.column_stack([np.bincount(point, weights=xy) / count for xy in columns["sample_xy"].T]),
             sample_point=point.astype(np.int64),
@@ -109,17 +115,22 @@ def empty_radio_map(floors: Sequence[str]) -> RadioMap:
 
 
 def unique_readings(scans: Sequence[Scan]) -> WalkReadings:
-    """Return the readings of a walk sorted by (time heard, transmitter), the first delivered of each pair."""
-    first: dict[tuple[int, str], float] = {}
+    """Return the readings of a walk sorted by (time heard, transmitter, source), the first delivered of each.
+
+    Readings without a signal strength are left out: a radio map has nothing to say about them.
+    """
+    first: dict[tuple[int, str, str], float] = {}
     for scan in scans:
         for transmitter, rssi_dbm, heard_ns in zip(
             scan.transmitters, scan.rssi_dbm.tolist(), scan.heard_ns.tolist(), strict=True
         ):
-            first.setdefault((heard_ns, transmitter), rssi_dbm)
+            if rssi_dbm == rssi_dbm:  # noqa: PLR0124 - not NaN
+                first.setdefault((heard_ns, transmitter, scan.source), rssi_dbm)
     keys = sorted(first)
     return WalkReadings(
-        transmitters=np.array([transmitter for _, transmitter in keys], dtype=np.str_),
-        t_ns=np.array([heard_ns for heard_ns, _ in keys], dtype=np.int64),
+        transmitters=np.array([transmitter for _, transmitter, _ in keys], dtype=np.str_),
+        sources=np.array([source for _, _, source in keys], dtype=np.str_),
+        t_ns=np.array([heard_ns for heard_ns, _, _ in keys], dtype=np.int64),
         rssi_dbm=np.array([first[key] for key in keys], dtype=np.float64),
     )
 

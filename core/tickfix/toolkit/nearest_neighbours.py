@@ -10,6 +10,7 @@ with what was heard, not with what exists.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, TypeAlias, TypeVar
 
@@ -122,18 +123,24 @@ class ReferencePoints:
         radio_map: the survey.
         representation, missing_dbm: see :func:`~tickfix.toolkit.nearest_neighbours.represent`.
         sample_mask: (S,) bool, the samples to use; all by default.
+        sources: whose transmitters to use; readings of other sources are not compared.
     """
 
     def __init__(
-        self, radio_map: RadioMap, representation: Representation, missing_dbm: float, sample_mask: Bools | None = None
+        self,
+        radio_map: RadioMap,
+        representation: Representation,
+        missing_dbm: float,
+        sample_mask: Bools | None = None,
+        sources: Sequence[str] = ("wifi",),
     ) -> None:
         """Average the samples of each point; points without any are left out."""
         mean = radio_map.mean_matrix(np.nan, sample_mask)
-        mean[:, [transmitter.startswith("ble:") for transmitter in radio_map.transmitters]] = np.nan
+        mean[:, ~radio_map.of_sources(sources)] = np.nan
         known = ~np.isnan(mean).all(axis=1)
         self._representation: Representation = representation
         self._missing_dbm = missing_dbm
-        self._index = {transmitter: n for n, transmitter in enumerate(radio_map.transmitters)}
+        self._numbers = {source: radio_map.transmitter_numbers(source) for source in sources}
         self.floors = radio_map.floors
         self.xy = frozen(radio_map.point_xy[known])
         self.floor = frozen(radio_map.point_floor[known], np.int64)
@@ -146,9 +153,10 @@ class ReferencePoints:
     def heard(self, window: Readings, *, averaged: bool = False) -> tuple[Ints, Floats]:
         """Return the known transmitters of the window, each with the representation of its newest or its mean RSS."""
         readings: dict[int, list[float]] = {}
+        numbers = self._numbers.get(window.source, {})
         for transmitter, rssi_dbm in zip(window.transmitters, window.rssi_dbm.tolist(), strict=True):
-            n = self._index.get(transmitter)
-            if n is not None:
+            n = numbers.get(transmitter)
+            if n is not None and rssi_dbm == rssi_dbm:  # noqa: PLR0124 - not NaN
                 readings.setdefault(n, []).append(rssi_dbm)  # readings come oldest first
         heard = np.fromiter(readings, np.int64, len(readings))
         values = [sum(dbm) / len(dbm) if averaged else dbm[-1] for dbm in readings.values()]
@@ -166,7 +174,9 @@ class NearestNeighbours(SurveyedFingerprint[P]):
         """
         super().__init__(params, context, trained, sample_mask)
         representation, self._similarity = self.comparison(params)
-        self._points = ReferencePoints(self.radio_map, representation, params.missing_dbm, sample_mask)
+        self._points = ReferencePoints(
+            self.radio_map, representation, params.missing_dbm, sample_mask, self.window.sources
+        )
 
     @staticmethod
     @abstractmethod

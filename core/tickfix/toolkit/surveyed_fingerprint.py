@@ -8,7 +8,9 @@ kernel assembles them on line.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any, Final, TypeVar
 
 import numpy as np
@@ -104,6 +106,17 @@ class SurveyedFingerprint(StatelessFingerprint[P]):
 
         The distance is in whatever unit the method compares; it only has to grow with what a fix is wrong by.
         """
+
+    def transmitter_numbers(self, window: Readings) -> Mapping[str, int]:
+        """Return the radio map's number of each id of the window's source; empty for a source not asked for.
+
+        The same id of another source is another transmitter.
+        """
+        return self._numbers_by_source.get(window.source, {})
+
+    @cached_property
+    def _numbers_by_source(self) -> Mapping[str, Mapping[str, int]]:
+        return {source: self.radio_map.transmitter_numbers(source) for source in self.window.sources}
 
     @property
     def window(self) -> Window:

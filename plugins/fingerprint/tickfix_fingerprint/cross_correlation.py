@@ -77,7 +77,6 @@ class CorrelationFingerprint(SurveyedFingerprint[P]):
     ) -> None:
         """Cut the survey into blocks; ``sample_mask`` (S,) bool, only these samples."""
         super().__init__(params, context, trained, sample_mask)
-        self.index = {transmitter: i for i, transmitter in enumerate(self.radio_map.transmitters)}
         self.blocks = RssBlocks(
             self.radio_map,
             params.n,
@@ -85,6 +84,7 @@ class CorrelationFingerprint(SurveyedFingerprint[P]):
             missing_dbm=params.missing_dbm,
             sample_s=params.sample_s,
             sample_mask=sample_mask,
+            sources=self.window.sources,
         )
         m, n = self.blocks.shape
         variation = self.blocks.squares - self.blocks.sums**2 / max(m * n, 1)
@@ -105,7 +105,8 @@ class CorrelationFingerprint(SurveyedFingerprint[P]):
 
     def ranked(self, window: Readings) -> tuple[Ints, Floats] | None:
         """Return all points, the best first, with their coefficients; None without enough readings."""
-        cells, values, heard = online_matrix(window, self.index, self.params.n, self.params.missing_dbm)
+        numbers = self.transmitter_numbers(window)
+        cells, values, heard = online_matrix(window, numbers, self.blocks.shape, self.params.missing_dbm)
         if heard < self.params.min_readings or len(self.blocks.xy) == 0:
             return None
         scores, starts = self.scores(cells, values), self.blocks.starts

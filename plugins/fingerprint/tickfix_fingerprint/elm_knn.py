@@ -70,7 +70,6 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
     ) -> None:
         """Average the survey over the frequent access points, and take the classifier if there is one."""
         super().__init__(params, context, trained, sample_mask)
-        self._index = {transmitter: i for i, transmitter in enumerate(self.radio_map.transmitters)}
         samples = _survey_samples(params, self.radio_map, sample_mask)
         self._xy, self._floor = samples.xy, samples.floor
         self._elm = trained if trained is not None and "beta" in trained else None
@@ -116,10 +115,11 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
         The newest scan alone will not do: phones miss access points now and then. Taking one for out of reach moves
         the features further than any walk does.
         """
-        rss = np.zeros(len(self._index))
+        rss = np.zeros(len(self.radio_map.transmitters))
+        numbers = self.transmitter_numbers(window)
         for transmitter, rssi_dbm in zip(window.transmitters, window.rssi_dbm.tolist(), strict=True):
-            i = self._index.get(transmitter)
-            if i is not None:
+            i = numbers.get(transmitter)
+            if i is not None and rssi_dbm == rssi_dbm:  # noqa: PLR0124 - not NaN
                 rss[i] = max(rssi_dbm - self.params.missing_dbm, 0.0)  # readings come oldest first
         return rss
 

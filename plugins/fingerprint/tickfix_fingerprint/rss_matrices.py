@@ -16,6 +16,7 @@ not change when all its values are shifted by a constant.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any, Final
 
@@ -48,6 +49,7 @@ class RssBlocks:
         missing_dbm: float,
         sample_s: float,
         sample_mask: Bools | None = None,
+        sources: Sequence[str] = ("wifi",),
     ) -> None:
         """Make blocks of ``n`` samples of each point, or one of its mean repeated ``n`` times if ``means``.
 
@@ -58,11 +60,12 @@ class RssBlocks:
             missing_dbm: stands for what is not heard.
             sample_s: readings of a point within so many seconds can belong to one sample.
             sample_mask: (S,) bool, the survey samples to use; all by default.
+            sources: whose transmitters to use.
         """
         m = len(radio_map.transmitters)
-        wifi = np.array([not transmitter.startswith("ble:") for transmitter in radio_map.transmitters], np.bool_)
+        asked = radio_map.of_sources(sources)
         point, sample = radio_map.described()
-        kept = wifi[radio_map.sample_transmitter[sample]] & (radio_map.sample_rssi_dbm[sample] > missing_dbm)
+        kept = asked[radio_map.sample_transmitter[sample]] & (radio_map.sample_rssi_dbm[sample] > missing_dbm)
         if sample_mask is not None:
             kept &= sample_mask[sample]
         point, sample = point[kept], sample[kept]
@@ -102,29 +105,32 @@ class RssBlocks:
         return self.by_cell.tocsc()
 
 
-def online_matrix(window: Readings, index: dict[str, int], n: int, missing_dbm: float) -> tuple[Ints, Floats, int]:
+def online_matrix(
+    window: Readings, numbers: Mapping[str, int], shape: tuple[int, int], missing_dbm: float
+) -> tuple[Ints, Floats, int]:
     """Return **rss** of the last ``n`` scans of a window, filled like a block.
 
     Args:
         window: readings; those of unknown transmitters are left out.
-        index: number of each of the M known transmitters.
-        n: N.
+        numbers: the number, below M, of each known transmitter of the window's source.
+        shape: (M, N).
         missing_dbm: stands for what is not heard.
 
     Returns:
         cells (c,) int64, values (c,) float64 (value of sample j of transmitter i at cell j·M + i, all others zero), and
         the number of transmitters heard.
     """
+    m, n = shape
     first = len(window.scan_t_ns) - n
     newest: dict[tuple[int, int], float] = {}
     rows = zip(window.transmitters, window.rssi_dbm.tolist(), window.scan.tolist(), strict=True)
     for transmitter, rssi_dbm, scan in rows:
-        i = index.get(transmitter)
+        i = numbers.get(transmitter)
         if i is not None and scan >= first and rssi_dbm > missing_dbm:
             newest[i, max(scan - first, 0)] = rssi_dbm - missing_dbm  # readings come oldest first
     keys = np.array(list(newest), np.int64).reshape(-1, 2)
     values = np.array(list(newest.values()), np.float64)
-    cells, _, filled = _fill_blocks(np.zeros(len(keys), np.int64), keys[:, 1], keys[:, 0], values, n, len(index))
+    cells, _, filled = _fill_blocks(np.zeros(len(keys), np.int64), keys[:, 1], keys[:, 0], values, n, m)
     return cells, filled, len(np.unique(keys[:, 0]))
 
 

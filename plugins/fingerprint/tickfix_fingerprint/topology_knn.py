@@ -206,8 +206,9 @@ class TopologyKnn(SurveyedFingerprint[TopologyKnnParams]):
     def _coefficients(self, window: Readings, region: int) -> Floats:
         """Return r_j (P,) over the access points of a sub-region; it means something for the sub-region's points."""
         blocks, available = self._fncc.blocks, self._available[region]
-        M, N = blocks.shape
-        cells, values, _ = online_matrix(window, self._fncc.index, N, self.params.missing_dbm)
+        M, _ = blocks.shape
+        numbers = self._fncc.transmitter_numbers(window)
+        cells, values, _ = online_matrix(window, numbers, blocks.shape, self.params.missing_dbm)
         kept = available[cells % M]
         scores = self._fncc.scores(cells[kept], values[kept], int(available.sum()))
         return self._fncc.coefficients(np.maximum.reduceat(scores, blocks.starts))
