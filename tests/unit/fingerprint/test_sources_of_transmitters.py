@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
+from tickfix.api import Context, RadioMap, Readings, Recording, Scan, Truth
+from tickfix.site import survey_recordings
 from tickfix_fingerprint.cross_correlation import Fncc, Ncc
 from tickfix_fingerprint.elm_knn import ElmKnn
 from tickfix_fingerprint.knn import Knn, Wknn
 from tickfix_fingerprint.topology_knn import TopologyKnn
-
-from tickfix.api import Context, RadioMap, Readings, Recording, Scan, Truth
-from tickfix.site import survey_recordings
 
 SECOND = 10**9
 WIFI = {0: {"ap1": -50.0, "ap2": -60.0, "ap3": -70.0}, 10: {"ap1": -56.0, "ap2": -60.0, "ap3": -64.0}}
