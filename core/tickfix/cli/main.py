@@ -26,6 +26,7 @@ from tickfix.version import __version__
 RENAMED_OPTIONS: Final = {
     ("compare", "--spare"): "--holdout-share",
     ("reproduce", "--choices"): "--twin-settings",
+    ("serve", "--feed"): "--follow-bind",
 }
 """(subcommand, option of an earlier release) → its new name."""
 

@@ -116,8 +116,8 @@ def _send_report_json(sent: SendReport) -> dict[str, object]:
 def locate(
     site: Annotated[Path, typer.Argument(metavar="SITE", help="Folder that `tickfix survey` made.")],
     *,
-    feed: Annotated[
-        str, typer.Option("--from", metavar="ADDRESS", help="The engine's feed, where scans come from.")
+    follow: Annotated[
+        str, typer.Option("--from", metavar="ADDRESS", help="The engine's follow port, where scans come from.")
     ] = "tcp://127.0.0.1:5574",
     to: Annotated[
         str, typer.Option("--to", metavar="ADDRESS", help="The engine's sensors port, where fixes go.")
@@ -141,11 +141,11 @@ def locate(
         raise ConfigError("locate", "no pipeline with a fingerprint", "one that has one, chosen by --pipeline NAME")
     (built,) = build_pipelines(with_fingerprint[-1:], site_context(surveyed), surveyed.models)
     assert built.fingerprint is not None  # noqa: S101 - chosen for it
-    service = FixService(built.fingerprint, feed, to, keys=read_client_keys(key), log=_log)
+    service = FixService(built.fingerprint, follow, to, keys=read_client_keys(key), log=_log)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: service.stop())
     console = stdout()
-    console.print(f"locating with {built.fingerprint.label}: scans from {feed}, fixes to {to}", soft_wrap=True)
+    console.print(f"locating with {built.fingerprint.label}: scans from {follow}, fixes to {to}", soft_wrap=True)
     sys.stdout.flush()
     service.serve()
     console.print(", ".join(f"{count} {what}" for what, count in sorted(service.counts.items())) or "no scans")

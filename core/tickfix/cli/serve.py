@@ -23,7 +23,7 @@ from tickfix.live.heartbeat import WatchdogHeartbeat
 from tickfix.live.protocol import OverrunError, WorkerError
 from tickfix.live.recovery import resumable_run
 from tickfix.live.serve_options import LiveSettings, ServeOptions
-from tickfix.live.startup import LiveEngine
+from tickfix.live.startup import LiveEngine, require_serving_platform
 from tickfix.live.startup import serve as run_engine
 from tickfix.live.supervisor import CRASH_SIGNALS, EXIT_CRASHED, EXIT_FINAL, supervise
 from tickfix.ports import PortAddresses
@@ -48,14 +48,14 @@ def serve(
     control: Annotated[
         str | None, typer.Option("--control", metavar="ADDRESS", help="Where operators connect.")
     ] = None,
-    feed: Annotated[
-        str | None, typer.Option("--feed", metavar="ADDRESS", help="Where engines that follow this one connect.")
+    follow_bind: Annotated[
+        str | None, typer.Option("--follow-bind", metavar="ADDRESS", help="Where engines that follow this one connect.")
     ] = None,
     keys: Annotated[
         Path | None, typer.Option("--keys", metavar="DIR", help="Keys that `tickfix keys` made; only they come in.")
     ] = None,
     follow: Annotated[
-        str, typer.Option("--follow", metavar="ADDRESS", help="Fold what another engine takes in: its --feed address.")
+        str, typer.Option("--follow", metavar="ADDRESS", help="Follow another engine: its --follow-bind address.")
     ] = "",
     follow_key: Annotated[
         Path | None, typer.Option("--follow-key", metavar="FILE", help="Own NAME.key for that; engine.pub beside it.")
@@ -70,11 +70,12 @@ def serve(
 
     Stop it with Ctrl-C or `tickfix control stop`; after a crash start it again with --resume.
     """
+    require_serving_platform()
     plugins = registry()
     settings = override_config(load_config(config, plugins), pipeline, seed)
     if follow:  # beside the engine that it follows, which has the usual ports
         settings = _with_ports(settings, dict.fromkeys(("sensors", "positions", "control", "follow"), _ANY))
-    given = {"sensors": sensors, "positions": positions, "control": control, "follow": feed}
+    given = {"sensors": sensors, "positions": positions, "control": control, "follow": follow_bind}
     given |= {"keys": None if keys is None else str(keys)}
     settings = _with_ports(settings, {name: value for name, value in given.items() if value is not None})
     if resume:

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import re
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from tickfix.api.errors import ConfigError, TickfixError
+
+try:
+    import fcntl
+except ImportError:  # Windows: journals can be read there, not written
+    fcntl = None  # type: ignore[assignment]
 
 _NO_SPACE_ERRNOS: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
@@ -168,7 +173,10 @@ class FolderLock:
 
         Raises:
             JournalLocked: when another writer has it.
+            JournalError: where the system has no ``fcntl``, or the lock file cannot be opened.
         """
+        if fcntl is None:
+            raise JournalError(f"{folder}: writing a journal needs fcntl, which this system ({sys.platform}) lacks")
         try:
             handle = os.open(folder / _LOCK_FILE, os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
@@ -193,7 +201,9 @@ class FolderLock:
 
 
 def is_being_written(folder: Path) -> bool:
-    """Tell whether a writer has the folder's lock."""
+    """Return whether a writer holds the folder's lock; False where the system has no such locks and so no writers."""
+    if fcntl is None:
+        return False
     try:
         handle = os.open(folder / _LOCK_FILE, os.O_RDONLY)
     except OSError:

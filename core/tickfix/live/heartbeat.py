@@ -6,7 +6,6 @@ processor, and the parent-death watch.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import mmap
 import os
@@ -31,6 +30,8 @@ def die_with_parent(parent_pipe: int) -> None:
         parent_pipe: the end to read from; nothing is ever written to the other one, and only the other process has it.
     """
     if sys.platform == "linux":
+        import fcntl  # noqa: PLC0415 - Windows has none, and imports this module too
+
         # The kernel sends the signal: no thread is needed, which would wait for a stage that never lets others run.
         fcntl.fcntl(parent_pipe, fcntl.F_SETOWN, os.getpid())
         fcntl.fcntl(parent_pipe, fcntl.F_SETSIG, signal.SIGKILL)

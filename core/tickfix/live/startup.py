@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -32,6 +34,25 @@ from tickfix.site import load_site
 
 _FULL_EVERY: Final = 1_000
 """Collections of the middle generation between full ones; by default 10."""
+
+
+def require_serving_platform() -> None:
+    """Check that this system has what an engine is built on: locks of files and forked processes.
+
+    Raises:
+        EngineError: naming what is missing.
+    """
+    missing = []
+    try:
+        import fcntl  # noqa: F401, PLC0415 - whether it is there is the question
+    except ImportError:
+        missing.append("fcntl")
+    missing += [] if hasattr(os, "fork") else ["os.fork"]
+    if missing:
+        raise EngineError(
+            f"tickfix serve needs {' and '.join(missing)}, which this system ({sys.platform}) lacks; "
+            "serve on Linux or macOS, or in WSL on Windows. Every other command but `tickfix serve` works here"
+        )
 
 
 @contextmanager

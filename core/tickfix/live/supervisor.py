@@ -36,8 +36,10 @@ _START_TIMEOUT_S: Final = 60.0
 _MAX_QUICK_FAILURES: Final = 3
 """Engines that break soon after they went on from the journal, one after the other, before one begins a run anew."""
 _QUICK_FAILURE_S: Final = 60.0
-CRASH_SIGNALS: Final = frozenset({signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL})
-"""Signals that a process brings upon itself."""
+CRASH_SIGNALS: Final = frozenset(
+    getattr(signal, name) for name in ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL") if hasattr(signal, name)
+)
+"""Signals that a process raises by a fault of its own; Windows has no SIGBUS."""
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from socket import AF_UNIX, SOCK_STREAM
+from socket import SOCK_STREAM
 from socket import socket as UnixSocket  # noqa: N812 - a socket here is ZeroMQ's
 from typing import Any, Final, cast
 
@@ -99,6 +99,8 @@ def check_ipc_path_free(where: str, address: PortAddress) -> None:
         raise PortError(f"{where}: {address.endpoint} cannot be bound: there is no folder {path.parent}")
     if path.exists() and not path.is_socket():
         raise PortError(f"{where}: {address.endpoint} cannot be bound: {path} is a file, and it is left alone")
+    from socket import AF_UNIX  # noqa: PLC0415 - not there on all systems
+
     with UnixSocket(AF_UNIX, SOCK_STREAM) as probe:
         probe.settimeout(1.0)
         try:

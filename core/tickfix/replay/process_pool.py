@@ -1,7 +1,7 @@
-"""A parallel map over forked processes.
+"""A parallel map over processes: the same results in the same order as with one process.
 
-The same results in the same order as with one process. Only results are pickled; what the work needs is inherited by
-the fork.
+On Linux the processes are forked and inherit what the work needs, so only results are pickled. Elsewhere they are
+spawned and get it pickled; work that cannot be pickled stays in this process.
 """
 
 from __future__ import annotations
@@ -29,10 +29,16 @@ _MAX_PROCESSES = 16
 
 
 def available_cores() -> int:
-    """Return how many processes can work at once; 1 where forking is not safe, and within a worker."""
+    """Return how many processes can work at once; 1 within a worker."""
     if _inherited:
         return 1
-    return min(_MAX_PROCESSES, len(os.sched_getaffinity(0))) if sys.platform == "linux" else 1
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    return min(_MAX_PROCESSES, cores)
+
+
+def start_method() -> str:
+    """Return how processes are started: forked on Linux only, since system libraries of macOS do not survive a fork."""
+    return "fork" if sys.platform == "linux" and hasattr(os, "fork") else "spawn"
 
 
 def parallel_map(
@@ -49,10 +55,11 @@ def parallel_map(
         TickfixError: the first that ``function`` raised, or when a process died.
     """
     count = min(available_cores() if processes is None else processes, len(items))
-    if count < 2:
+    method = start_method()
+    if count < 2 or (method == "spawn" and not _can_be_pickled(function, items)):
         yield from map(function, items)
         return
-    context = multiprocessing.get_context("fork")
+    context = multiprocessing.get_context(method)
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_inherit, initargs=(function, items))
     try:
         for done, packed in pool.map(_run_item, range(len(items))):
@@ -63,6 +70,15 @@ def parallel_map(
         raise TickfixError("a worker process died, perhaps for want of memory; run fewer walks at a time") from error
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _can_be_pickled(function: Callable[[Item], Result], items: Sequence[Item]) -> bool:
+    """Return whether a spawned process can be given the work; closures and read-only mappings cannot be pickled."""
+    try:
+        pickle.dumps((function, items))
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return False
+    return True
 
 
 class _Packer(pickle.Pickler):
@@ -88,7 +104,7 @@ _inherited: list[Any] = []
 
 
 def _inherit(function: Callable[[Any], Any], items: Sequence[Any]) -> None:
-    """Take over, in a child, what was there when it was forked."""
+    """Take over, in a child, what was there when it was forked, or what a spawned one is given."""
     _inherited[:] = [function, items]
 
 

@@ -1,4 +1,4 @@
-"""The fingerprint stage as a service: it takes scans from an engine's feed and sends back fixes."""
+"""The fingerprint stage as a service: it takes scans from an engine's follow port and sends back fixes."""
 
 from __future__ import annotations
 
@@ -65,18 +65,18 @@ class ScanLocator:
 
 
 class FixService:
-    """Takes the scans that an engine took in from its feed, and sends it fixes.
+    """Takes the scans that an engine took in from its follow port, and sends it fixes.
 
     Args:
         stage: the fingerprint.
-        feed: the engine's follow port.
+        follow: address of the engine's follow port.
         to: the engine's sensors port.
         keys: for both.
         log: told, in a sentence, what an operator must know.
     """
 
     def __init__(
-        self, stage: Stage, feed: str, to: str, *, keys: Keys | None = None, log: Callable[[str], None]
+        self, stage: Stage, follow: str, to: str, *, keys: Keys | None = None, log: Callable[[str], None]
     ) -> None:
         """Connect; that nobody is there yet is no error."""
         self._locator = ScanLocator(stage)
@@ -89,7 +89,7 @@ class FixService:
         self._sensors: OrderedDict[str, Sensor] = OrderedDict()
         self._socket = open_client_socket(zmq.SUB, keys, self._context)
         self._socket.subscribe(b"event")
-        connect_socket(self._socket, feed)
+        connect_socket(self._socket, follow)
         self._stopping = False
         self.counts: Counter[str] = Counter()
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from lab import EFFORT
 
 
-def test_crews_of_any_size_say_what_one_replica_says_to_the_byte() -> None:
-    script = Path(__file__).with_name("crew_stories.py")
+def test_worker_pools_of_any_size_say_what_one_replica_says_to_the_byte() -> None:
+    script = Path(__file__).with_name("worker_pool_stories.py")
     command = [sys.executable, "-W", "error", str(script), str(3 * EFFORT)]
     done = subprocess.run(command, capture_output=True, check=False, encoding="utf-8", timeout=600 * EFFORT)  # noqa: S603
     assert (done.returncode, done.stderr) == (0, "")

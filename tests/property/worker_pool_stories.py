@@ -1,6 +1,6 @@
 """Tells random stories to one replica and to crews of several sizes, and compares all that they say, byte by byte.
 
-    python crew_stories.py STORIES
+    python worker_pool_stories.py STORIES
 
 A program of its own: a crew forks, which belongs into a process with one thread.
 """

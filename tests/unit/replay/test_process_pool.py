@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -53,3 +54,27 @@ def test_one_process_keeps_the_error_as_it_is() -> None:
     with pytest.raises(ReaderError, match="no 1") as caught:
         list(parallel_map(fail, [1, 2], processes=1))
     assert isinstance(caught.value, TickfixError)
+
+
+SPAWNING = """
+import math
+from tickfix.replay import process_pool
+
+process_pool.start_method = lambda: "spawn"
+if __name__ == "__main__":
+    print(list(process_pool.parallel_map(math.sqrt, [1.0, 4.0, 9.0], processes=2)))
+    offset = 10.0
+    print(list(process_pool.parallel_map(lambda x: x + offset, [1.0, 2.0], processes=2)))
+"""
+
+
+def test_spawned_processes_give_the_same_and_what_cannot_be_pickled_stays_in_this_one(tmp_path: Path) -> None:
+    script = tmp_path / "spawning.py"
+    script.write_text(SPAWNING)
+    done = subprocess.run(  # noqa: S603 - our own script
+        [sys.executable, "-W", "error", script],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.stdout, done.stderr) == ("[1.0, 2.0, 3.0]\n[11.0, 12.0]\n", "")
