@@ -6,16 +6,17 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from tickfix.api import ConfigError, Floor
+from tickfix.api import ConfigError
 from tickfix.cli.console import print_json, progress, registry, stdout, warn, warn_each
 from tickfix.cli.replay import PipelineNames, StartMode, override_config, select_walks, warn_untrained
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load_config
-from tickfix.evaluation.comparison.comparison_result import METRICS, compare_trials
+from tickfix.evaluation.comparison.comparison_result import METRICS
+from tickfix.evaluation.comparison.comparison_run import floors_by_site, run_comparison
 from tickfix.evaluation.comparison.evaluation_sites import (
     HOLDOUT_SHARE,
     EvaluationSite,
@@ -24,7 +25,7 @@ from tickfix.evaluation.comparison.evaluation_sites import (
     surveyed_site,
 )
 from tickfix.evaluation.comparison.trial_outcomes import OutcomeStore
-from tickfix.evaluation.comparison.trials import Trial, TrialOptions, code_digest, run_site, stage_choices, versions
+from tickfix.evaluation.comparison.trials import TrialOptions
 from tickfix.evaluation.report.report_data import build_report
 from tickfix.evaluation.report.terminal import render_report
 from tickfix.live.journal_replay import journaled_config, journaled_site, write_walks
@@ -103,13 +104,20 @@ def compare(
             if holdout:
                 raise ConfigError("compare", "--holdout with --crossvalidate", "one of the two")
             evaluation_sites = _sites_from_folds(places, settings, plugins, crossvalidate, holdout_share, show)
-        trials = _run_trials(trial_options, evaluation_sites, workers, show)
-    provenance = _provenance(trial_options, evaluation_sites, crossvalidate, holdout_share)
-    result = compare_trials(trials, baseline=against, metric=metric, provenance=provenance)
+        result = run_comparison(
+            trial_options,
+            evaluation_sites,
+            baseline=against,
+            metric=metric,
+            command=shlex.join(["tickfix", *sys.argv[1:]]),
+            crossvalidation=None if crossvalidate is None else {"folds": crossvalidate, "holdout_share": holdout_share},
+            processes=workers,
+            progress=show,
+        )
     warn_each(tuple(f"{what} ({count} ticks)" for what, count in result.failures.items()), "failures")
     from tickfix.evaluation.report.report_files import write_report  # noqa: PLC0415 - matplotlib is slow to import
 
-    page = write_report(result, _floors_by_site(evaluation_sites), report, draw=draw)
+    page = write_report(result, floors_by_site(evaluation_sites), report, draw=draw)
     if as_json:
         print_json(result.as_json())
         return
@@ -149,46 +157,6 @@ def _sites_from_folds(
     if not evaluation_sites:
         raise ConfigError("--crossvalidate", "no walk with waypoints on a floor", "recordings with truth")
     return evaluation_sites
-
-
-def _run_trials(
-    trial_options: TrialOptions, evaluation_sites: Sequence[EvaluationSite], workers: int | None, show: Progress
-) -> list[Trial]:
-    total = sum(len(evaluation_site.walks) for evaluation_site in evaluation_sites) * len(trial_options.seeds)
-    trials: list[Trial] = []
-    show("comparing", 0, total)
-    for evaluation_site in evaluation_sites:
-        for trial in run_site(trial_options, evaluation_site, processes=workers):
-            trials.append(trial)
-            show("comparing", len(trials), total)
-    return trials
-
-
-def _floors_by_site(evaluation_sites: Sequence[EvaluationSite]) -> dict[tuple[str, str], Floor]:
-    return {
-        (evaluation_site.name, floor.name): floor
-        for evaluation_site in evaluation_sites
-        for floor in evaluation_site.floors
-    }
-
-
-def _provenance(
-    trial_options: TrialOptions, evaluation_sites: Sequence[EvaluationSite], folds: int | None, holdout_share: float
-) -> dict[str, Any]:
-    pipelines = trial_options.config.pipelines
-    return {
-        "command": shlex.join(["tickfix", *sys.argv[1:]]),
-        "folder": str(Path.cwd()),
-        "versions": dict(versions(pipelines)),
-        "code": {pipeline.name: code_digest(pipeline) for pipeline in pipelines},
-        "pipelines": {pipeline.name: dict(stage_choices(pipeline)) for pipeline in pipelines},
-        "sweeps": {p.name: {"table": p.table, "values": dict(p.swept)} for p in pipelines if p.swept},
-        "seeds": list(trial_options.seeds),
-        "start_known": trial_options.start_known,
-        "horizon_s": trial_options.config.kernel.horizon_s,
-        "crossvalidation": None if folds is None else {"folds": folds, "holdout_share": holdout_share},
-        "sites": [{"name": g.name, "digest": g.digest, "walks": len(g.walks)} for g in evaluation_sites],
-    }
 
 
 def _require_known(option: str, name: str, known: Sequence[str]) -> str:

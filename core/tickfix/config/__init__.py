@@ -6,17 +6,19 @@ An error says in which file, under which key, what was found and what is allowed
 from tickfix.config.build import build_pipelines
 from tickfix.config.choices import (
     AlgorithmChoice,
+    BuiltAlgorithm,
     Config,
     ParameterInfo,
     PipelineConfig,
     RenamedKeyError,
     describe_parameters,
 )
-from tickfix.config.parse import STAGES, load_config, parse_config
+from tickfix.config.parse import STAGES, load_config, parse_config, parse_table
 
 __all__ = [
     "STAGES",
     "AlgorithmChoice",
+    "BuiltAlgorithm",
     "Config",
     "ParameterInfo",
     "PipelineConfig",
@@ -25,4 +27,5 @@ __all__ = [
     "describe_parameters",
     "load_config",
     "parse_config",
+    "parse_table",
 ]

@@ -29,6 +29,8 @@ def build_pipelines(
     built: dict[str, Any] = {}
 
     def make(choice: AlgorithmChoice, within: Context, pipeline: str, suffix: str = "") -> Any:
+        if choice.built is not None:
+            return choice.built.algorithm
         key = choice.key + suffix
         if key not in built:
             try:

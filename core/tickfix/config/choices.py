@@ -168,18 +168,40 @@ def _path_dec_hook(kind: type[Any], value: Any) -> Path:
 T = TypeVar("T")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BuiltAlgorithm:
+    """An algorithm that was built by the caller and is used as it is.
+
+    Attributes:
+        algorithm: the object.
+        number: tells objects of equal class and parameters apart in keys; an ``id`` would differ from run to run.
+    """
+
+    algorithm: Any
+    number: int
+
+
 @dataclass(frozen=True, slots=True)
 class AlgorithmChoice:
-    """An algorithm of a pipeline, with its parameters checked."""
+    """An algorithm of a pipeline, with its parameters checked.
+
+    Attributes:
+        offer: the class and where it comes from.
+        params: an instance of the class's ``Params``.
+        preset: name of the preset that ``params`` were taken from, empty without one.
+        built: the object to use instead of building one; None for algorithms chosen by name or class.
+    """
 
     offer: Offer
     params: Any
     preset: str = ""
+    built: BuiltAlgorithm | None = None
 
     @property
     def key(self) -> str:
         """Equal for choices that compute the same results."""
-        return f"{self.offer.label} {json.dumps(msgspec.to_builtins(self.params), sort_keys=True)}"
+        suffix = "" if self.built is None else f" (object {self.built.number})"
+        return f"{self.offer.label} {json.dumps(msgspec.to_builtins(self.params), sort_keys=True)}{suffix}"
 
     @property
     def model(self) -> str:

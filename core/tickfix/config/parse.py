@@ -153,6 +153,21 @@ def parse_config(text: str, where: str, registry: Registry) -> Config:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(where, str(error), "valid TOML") from error
+    return parse_table(table, where, registry, text=text)
+
+
+def parse_table(table: Mapping[str, Any], where: str, registry: Registry, *, text: str = "") -> Config:
+    """Check a configuration given as nested dictionaries.
+
+    Args:
+        table: as :mod:`tomllib` gives it; a stage may also be an :class:`~tickfix.config.choices.AlgorithmChoice`.
+        where: names it in errors.
+        registry: the algorithms that it may choose.
+        text: the file that it was read from, if any.
+
+    Raises:
+        ConfigError: naming key, value found and what is allowed.
+    """
     check_keys(where, "", table, [*_KERNEL_KEYS, *_OTHER_SECTIONS, "pipelines"])
     values = {}
     for name, kind in _KERNEL_KEYS.items():
@@ -200,6 +215,8 @@ def _parse_pipeline(where: str, name: str, table: Mapping[str, Any], registry: R
 
 
 def _parse_choice(where: str, kind: str, table: Any, registry: Registry) -> AlgorithmChoice:
+    if isinstance(table, AlgorithmChoice):
+        return table
     if isinstance(table, str):
         table = {"use": table}
     if not isinstance(table, dict) or not isinstance(table.get("use"), str):

@@ -5,7 +5,7 @@ by the colour-blind.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any, Final
@@ -23,9 +23,20 @@ from matplotlib.path import Path as Outline
 from PIL import Image
 from shapely.geometry.polygon import orient
 
-from tickfix.api import Fix, Floats, Floor, Truth
-from tickfix.evaluation.theme import FOREGROUND, MUTED, RC_PARAMS, LineStyle, canvas, legend, line_styles, printable
-from tickfix.evaluation.tracks import Track
+from tickfix.api import Estimate, Fix, Floats, Floor, Truth
+from tickfix.evaluation.theme import (
+    FOREGROUND,
+    MUTED,
+    RC_PARAMS,
+    LineStyle,
+    NotebookFigure,
+    canvas,
+    legend,
+    line_styles,
+    printable,
+    save_figure,
+    themed_figure,
+)
 
 _FLOOR_COLOR: Final = "#f5f5f3"
 _OBSTACLE_COLOR: Final = "#e5e5e2"
@@ -98,7 +109,7 @@ _LegendEntries = list[tuple[Artist, str]]
 def draw_walk(
     floor: Floor,
     truth: Sequence[Truth],
-    tracks: Mapping[str, Track],
+    tracks: Mapping[str, Iterable[Estimate]],
     fixes: Sequence[Fix] | Floats,
     path: Path,
     *,
@@ -106,20 +117,42 @@ def draw_walk(
     regions_of: str | None = None,
     regions_every_s: float = 5.0,
 ) -> None:
-    """Draw a walk on its floor's plan; what lies on other floors, in other frames, is left out.
+    """Draw a walk as :func:`walk_figure` does and write it to ``path``, ``.png`` or ``.svg``.
+
+    Equal data give equal bytes.
+
+    Raises:
+        ValueError: for another suffix, or when ``regions_of`` is none of the pipelines.
+    """
+    figure = walk_figure(
+        floor, truth, tracks, fixes, title=title, regions_of=regions_of, regions_every_s=regions_every_s
+    )
+    save_figure(figure, path)
+
+
+def walk_figure(
+    floor: Floor,
+    truth: Sequence[Truth],
+    tracks: Mapping[str, Iterable[Estimate]],
+    fixes: Sequence[Fix] | Floats,
+    *,
+    title: str = "",
+    regions_of: str | None = None,
+    regions_every_s: float = 5.0,
+) -> NotebookFigure:
+    """Return a walk drawn on its floor's plan; what lies on other floors, in other frames, is left out.
 
     Args:
         floor: the plan; one without geometry gives bare axes.
         truth: waypoints, in any order.
         tracks: by pipeline, the last drawn on top.
         fixes: what fingerprints found, or their places (n, 2) on this floor.
-        path: the file to write, ``.png`` or ``.svg``; the same data give the same bytes.
         title: above the picture.
         regions_of: the pipeline whose 95 % regions are drawn, by default the last.
         regions_every_s: device time between two of them.
 
     Raises:
-        ValueError: for another suffix, or when ``regions_of`` is none of the pipelines.
+        ValueError: when ``regions_of`` is none of the pipelines.
     """
     chosen = regions_of if regions_of is not None else next(reversed(list(tracks)), None)
     if chosen is not None and chosen not in tracks:
@@ -131,7 +164,7 @@ def draw_walk(
     low, high = crop(truth_xy, drawn[np.isfinite(drawn).all(axis=1)])
     width_in, height_in = (high - low) * min(6.4 / (high - low)[0], 5.6 / (high - low)[1])
     beside = height_in > width_in
-    with canvas(path, (width_in + 0.7, height_in + 0.8)) as figure:
+    with themed_figure((width_in + 0.7, height_in + 0.8)) as figure:
         axes = figure.add_subplot()
         draw_plan(axes, floor)
         entries = _draw_truth(axes, truth_xy, track_xy)
@@ -146,6 +179,7 @@ def draw_walk(
         axes.set_title(printable(title))
         if entries:
             legend(figure, entries, beside=beside)
+    return figure
 
 
 def draw_cdf(errors_by_pipeline: Mapping[str, Floats], path: Path, *, title: str = "") -> None:
@@ -180,19 +214,19 @@ def draw_cdf(errors_by_pipeline: Mapping[str, Floats], path: Path, *, title: str
             legend(figure, entries, beside=True)
 
 
-def _positions_on_floor(track: Track, floor: str) -> Floats:
+def _positions_on_floor(track: Iterable[Estimate], floor: str) -> Floats:
     """Return (n, 2) the means, NaN where there is none on ``floor``."""
-    beliefs = [estimate.belief for estimate in track.estimates]
+    beliefs = [estimate.belief for estimate in track]
     nowhere = np.full(2, np.nan)
     return np.array([b.xy if b is not None and b.floor == floor else nowhere for b in beliefs]).reshape(-1, 2)
 
 
-def _region_ellipses(track: Track, floor: str, every_s: float) -> Iterator[Floats]:
+def _region_ellipses(track: Iterable[Estimate], floor: str, every_s: float) -> Iterator[Floats]:
     """Give the ellipses (64, 2) that hold 95 % of the Gaussians with the beliefs' means and covariances."""
     angle = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
     circle = REGION_95 * np.stack([np.cos(angle), np.sin(angle)])
     due_ns: float = -math.inf
-    for estimate in track.estimates:
+    for estimate in track:
         belief = estimate.belief
         if belief is None or belief.floor != floor or estimate.t_ns < due_ns:
             continue
@@ -271,7 +305,7 @@ _PALETTE_SIZE: Final = 64
 def animate_walk(
     floor: Floor,
     truth: Sequence[Truth],
-    tracks: Mapping[str, Track],
+    tracks: Mapping[str, Iterable[Estimate]],
     path: Path,
     *,
     title: str = "",
@@ -330,9 +364,9 @@ def animate_walk(
     )
 
 
-def _positions_at(track: Track, floor: str, instants_s: Floats) -> Floats:
+def _positions_at(track: Iterable[Estimate], floor: str, instants_s: Floats) -> Floats:
     """Return where the track said the device was at each moment (n, 2), NaN where it said nothing on this floor."""
-    positioned = [e for e in track.estimates if e.belief is not None and e.belief.floor == floor]
+    positioned = [e for e in track if e.belief is not None and e.belief.floor == floor]
     places = np.full((len(instants_s), 2), np.nan)
     if positioned:
         t_s = np.array([e.t_ns for e in positioned]) * 1e-9

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 import shapely
 
-from tickfix.api import Belief, Bools, Floats, Ints, Truth, frozen
+from tickfix.api import Bools, Floats, Ints, Truth, frozen
 from tickfix.evaluation.error_metrics import density_level, nees
-from tickfix.evaluation.tracks import Track
+from tickfix.evaluation.tracks import Track, waypoint_errors
 from tickfix.site.waypoints import split_into_legs
 
 COVERED_RADIUS_M: Final = 3.0
@@ -177,7 +177,10 @@ def score_walk(
         coverage: where the survey has been.
     """
     waypoints = sorted(truth, key=lambda waypoint: waypoint.t_ns)
-    pipelines = {pipeline: _pipeline_score(waypoints, track) for pipeline, track in tracks.items()}
+    pipelines = {}
+    for pipeline, track in tracks.items():
+        error_m, floor_right = waypoint_errors(track, waypoints)
+        pipelines[pipeline] = PipelineScore(error_m=error_m, floor_right=floor_right)
     scored = np.ones(len(waypoints), dtype=np.bool_)
     for score in pipelines.values():
         scored &= score.estimated
@@ -189,28 +192,6 @@ def score_walk(
         scored=frozen(scored, np.bool_),
         pipelines=pipelines,
     )
-
-
-def belief_at(track: Track, t_ns: int) -> Belief | None:
-    """Return what was known at ``t_ns``: the belief of the last tick that had closed by then.
-
-    None before the first tick closed, and where that tick's estimate has no belief or one that is not finite; an older
-    belief does not stand in for it.
-    """
-    i = int(np.searchsorted(track.closed_ns, t_ns, side="right")) - 1
-    belief = track.estimates[i].belief if i >= 0 else None
-    return belief if belief is not None and np.isfinite(belief.xy).all() else None
-
-
-def _pipeline_score(waypoints: Sequence[Truth], track: Track) -> PipelineScore:
-    error_m = np.full(len(waypoints), np.nan)
-    floor_right = np.zeros(len(waypoints), dtype=np.bool_)
-    for i, waypoint in enumerate(waypoints):
-        belief = belief_at(track, waypoint.t_ns)
-        if belief is not None:
-            error_m[i] = np.hypot(*(belief.xy - waypoint.xy))
-            floor_right[i] = belief.floor == waypoint.floor
-    return PipelineScore(error_m=error_m, floor_right=floor_right)
 
 
 NO_ESTIMATE = -1
@@ -262,7 +243,7 @@ def errors_at_samples(track: Track, samples: TruthSamples, levels: Mapping[str, 
     error_m, nees_values, level = np.full(m, np.nan), np.full(m, np.nan), np.full(m, np.nan)
     storeys_off = np.full(m, NO_ESTIMATE, dtype=np.int64)
     for i, (t_ns, floor, xy) in enumerate(zip(samples.t_ns.tolist(), samples.floors, samples.xy, strict=True)):
-        belief = belief_at(track, t_ns)
+        belief = track.belief_at(t_ns)
         if belief is None:
             continue
         error_m[i] = np.hypot(*(belief.xy - xy))

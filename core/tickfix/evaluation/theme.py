@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -69,21 +70,53 @@ def line_styles(count: int) -> tuple[LineStyle, ...]:
     return (*(others[i % len(others)] for i in range(count - 1)), solid)[:count]
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook shows when a cell ends with it, without pyplot and its global state."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        with mpl.rc_context(RC_PARAMS):
+            self.savefig(buffer, format="png", dpi=110, bbox_inches="tight", pad_inches=0.08)
+        return buffer.getvalue()
+
+
 @contextmanager
-def canvas(path: Path, size_in: tuple[float, float]) -> Iterator[Figure]:
-    """Give a figure of ``size_in`` inches and write it to ``path`` in the end, as PNG or SVG by its suffix.
+def themed_figure(size_in: tuple[float, float]) -> Iterator[NotebookFigure]:
+    """Give a figure of ``size_in`` inches to draw on; what is drawn within the context has the theme."""
+    with mpl.rc_context(RC_PARAMS):
+        figure = NotebookFigure(figsize=size_in, layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a themed figure to ``path``, as PNG or SVG by its suffix; equal figures give equal bytes.
 
     Raises:
         ValueError: for another suffix.
     """
     suffix = path.suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise ValueError(f"{path}: found the suffix {suffix!r}, expected {' or '.join(_SUFFIXES)}")
+    _check_suffix(path)
     with mpl.rc_context(RC_PARAMS):
-        figure = Figure(figsize=size_in, layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
         figure.savefig(path, dpi=200, metadata=_SUFFIXES[suffix], bbox_inches="tight", pad_inches=0.08)
+
+
+@contextmanager
+def canvas(path: Path, size_in: tuple[float, float]) -> Iterator[Figure]:
+    """Give a figure of ``size_in`` inches and write it to ``path`` in the end, as PNG or SVG by its suffix.
+
+    Raises:
+        ValueError: for another suffix, before anything is drawn.
+    """
+    _check_suffix(path)
+    with themed_figure(size_in) as figure:
+        yield figure
+        save_figure(figure, path)
+
+
+def _check_suffix(path: Path) -> None:
+    if path.suffix.lower() not in _SUFFIXES:
+        raise ValueError(f"{path}: found the suffix {path.suffix.lower()!r}, expected {' or '.join(_SUFFIXES)}")
 
 
 def legend(figure: Figure, entries: Sequence[tuple[Artist, str]], *, beside: bool) -> None:

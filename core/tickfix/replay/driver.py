@@ -119,7 +119,7 @@ def _replay(
     now_ns = 0
     for event in events:
         now_ns = event.arrival_ns
-        for piece in _split_batch(event):
+        for piece in split_batch(event):
             kernel.feed(piece)
         collect(kernel.run(event.device), now_ns)
     collect(kernel.finish(device), now_ns)
@@ -136,7 +136,7 @@ def _replay(
     )
 
 
-def _split_batch(event: Event) -> Iterator[Event]:
+def split_batch(event: Event) -> Iterator[Event]:
     """Cut a batch of samples that is longer than a message may be; how samples are batched changes nothing."""
     if not isinstance(event, MotionSamples) or event.t1_ns - event.t0_ns <= _MAX_BATCH_NS:
         yield event

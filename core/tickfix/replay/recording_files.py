@@ -44,6 +44,27 @@ class RecordingFile:
             raise ReaderError(f"{self.path}: {problem}") from error
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedRecording:
+    """A recording that is in memory, where a file is expected."""
+
+    recording: Recording
+
+    @property
+    def path(self) -> Path:
+        """The file that it was read from; its name alone where there is none."""
+        return self.recording.path or Path(self.recording.name)
+
+    @property
+    def name(self) -> str:
+        """What stands for the name of a reader."""
+        return "memory"
+
+    def read(self) -> Recording:
+        """Return the recording."""
+        return self.recording
+
+
 @dataclass(frozen=True, slots=True)
 class FoundRecordings:
     """Recordings in the order they were found, each once, and what was wrong with readers."""

@@ -129,7 +129,7 @@ def trainable_choices(pipelines: Iterable[PipelineConfig]) -> tuple[AlgorithmCho
     choices: dict[str, AlgorithmChoice] = {}
     for pipeline in pipelines:
         for choice in pipeline.choices:
-            if hasattr(choice.offer.cls, "train"):
+            if choice.built is None and hasattr(choice.offer.cls, "train"):
                 choices.setdefault(choice.model, choice)
     return tuple(choices.values())
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from types import TracebackType
-from typing import Any, ClassVar, Self
+from typing import Any, BinaryIO, ClassVar, Self
 
 import msgspec
 import numpy as np
@@ -102,13 +102,7 @@ class JsonLinesSink(_FileSink):
 
 
 class GeoJsonSink(_FileSink):
-    """A GeoJSON FeatureCollection (RFC 7946) of floor metres: a Point an estimate, then the ways as LineStrings.
-
-    Coordinates are metres in the floor's frame and not degrees, as the member ``coordinate_reference`` says. An
-    estimate without a position is left out. There is one LineString per device and pipeline, through the newest
-    revision of each tick; where the track changes its floor, or the device's clock its epoch, another one begins, since
-    a line can lie in one frame only. The ways are kept in memory until the sink is closed.
-    """
+    """A GeoJSON FeatureCollection in floor metres, see :class:`GeoJsonWriter`."""
 
     name: ClassVar[str] = "geojson"
     suffixes: ClassVar[tuple[str, ...]] = (".geojson", ".json")
@@ -116,12 +110,34 @@ class GeoJsonSink(_FileSink):
     def __init__(self, path: Path) -> None:
         """Open the collection."""
         super().__init__(path)
+        self._writer = GeoJsonWriter(self._file)
+
+    def write(self, estimate: Estimate) -> None:
+        """Append a Point."""
+        self._writer.write(estimate)
+
+    def _finish(self) -> None:
+        self._writer.finish()
+
+
+class GeoJsonWriter:
+    """Writes a GeoJSON FeatureCollection (RFC 7946): a Point for each estimate, then the tracks as LineStrings.
+
+    Coordinates are metres in the floor's frame and not degrees, as the member ``coordinate_reference`` says. An
+    estimate without a position is left out. There is one LineString per device and pipeline, through the newest
+    revision of each tick; where the track changes its floor, or the device's clock its epoch, another one begins, since
+    a line can lie in one frame only. The tracks are kept in memory until :meth:`finish`.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        """Begin the collection in ``file``."""
         reference = {
             "frame": "floor",
             "unit": "metre",
             "axes": ["x east", "y north"],
             "note": "Coordinates are metres in the frame of the floor that each feature names, not degrees.",
         }
+        self._file = file
         self._file.write(b'{"type":"FeatureCollection","coordinate_reference":' + _encode(reference) + b',"features":[')
         self._separator = b"\n"
         self._tracks: dict[tuple[str, str], dict[tuple[int, int], tuple[int, str, list[float]]]] = {}
@@ -138,7 +154,8 @@ class GeoJsonSink(_FileSink):
         if instant not in track or track[instant][0] <= estimate.revision:
             track[instant] = (estimate.revision, belief.floor, xy)
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
+        """Append the LineStrings and end the collection."""
         for (device, pipeline), track in self._tracks.items():
             for (epoch, floor), places in groupby(sorted(track.items()), key=lambda item: (item[0][0], item[1][1])):
                 line = [xy for _, (_, _, xy) in places]

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tickfix.api import TICK_NS, Truth
-from tickfix.evaluation.scoring import Coverage, WalkScore, belief_at, score_walk
+from tickfix.evaluation.scoring import Coverage, WalkScore, score_walk
 
 NOWHERE = Coverage([])
 POINTS = st.tuples(st.floats(-100, 100), st.floats(-100, 100))
@@ -40,14 +40,14 @@ def test_a_tick_that_is_due_but_did_not_close_in_time_does_not_count(track_of: A
 
 def test_an_estimate_without_belief_is_no_estimate_and_an_older_one_does_not_stand_in(track_of: Any) -> None:
     track = track_of([(0, 0), None], closed_ns=[1, 2])
-    assert belief_at(track, 1) is not None
-    assert belief_at(track, 2) is None
-    assert belief_at(track, 0) is None
+    assert track.belief_at(1) is not None
+    assert track.belief_at(2) is None
+    assert track.belief_at(0) is None
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_belief_that_is_not_finite_is_no_estimate(track_of: Any, bad: float) -> None:
-    assert belief_at(track_of([(bad, 0.0)]), TICK_NS) is None
+    assert track_of([(bad, 0.0)]).belief_at(TICK_NS) is None
 
 
 def test_scored_are_the_waypoints_at_which_every_pipeline_has_an_estimate(track_of: Any) -> None:

@@ -14,10 +14,11 @@ from typing import Any, Final
 from tickfix.api import Floor, Recording, SiteError
 from tickfix.api.packing import pack
 from tickfix.config import PipelineConfig
-from tickfix.replay.recording_files import Progress, RecordingFile
+from tickfix.replay.recording_files import LoadedRecording, Progress, RecordingFile
 from tickfix.replay.site_survey import WalksWithFloors, survey_and_train, trainable_choices
 from tickfix.site import Site
 from tickfix.site.waypoints import assign_chains, is_held_out
+from tickfix.wire import encode_event
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,17 +26,22 @@ class EvaluationWalk:
     """A recording to run.
 
     Attributes:
-        source: the file and its reader.
-        sha256: of the file.
+        source: the file and its reader, or a recording in memory.
+        sha256: of the file, or of the recording's events as the wire encodes them.
     """
 
-    source: RecordingFile
+    source: RecordingFile | LoadedRecording
     sha256: str
 
     @staticmethod
-    def of(source: RecordingFile) -> EvaluationWalk:
-        """Return the walk of a file."""
-        return EvaluationWalk(source, sha256(source.path.read_bytes()).hexdigest())
+    def of(source: RecordingFile | LoadedRecording) -> EvaluationWalk:
+        """Return the walk of a file or a recording."""
+        if isinstance(source, RecordingFile):
+            return EvaluationWalk(source, sha256(source.path.read_bytes()).hexdigest())
+        encoded = sha256()
+        for event in source.recording.events:
+            encoded.update(encode_event(event))
+        return EvaluationWalk(source, encoded.hexdigest())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +63,7 @@ class EvaluationSite:
     floors: tuple[Floor, ...]
 
 
-def surveyed_site(site: Site, name: str, sources: tuple[RecordingFile, ...]) -> EvaluationSite:
+def surveyed_site(site: Site, name: str, sources: Sequence[RecordingFile | LoadedRecording]) -> EvaluationSite:
     """Return the ground of a site that is there."""
     return EvaluationSite(
         name, site_digest(site), lambda: site, tuple(EvaluationWalk.of(source) for source in sources), site.floors

@@ -32,6 +32,7 @@ _NOT_HASHED: Final = (
     "cli/",
     "client/",
     "evaluation/comparison/comparison_result.py",
+    "evaluation/comparison/comparison_run.py",
     "evaluation/comparison/pooled_metrics.py",
     "evaluation/paired_comparison.py",
     "evaluation/paired_statistics.py",
@@ -41,6 +42,7 @@ _NOT_HASHED: Final = (
     "simulation/",
     "testing/",
     "wire/",
+    "workflow/",
 )
 
 
@@ -121,13 +123,13 @@ class TrialOptions:
         config: the pipelines, and the kernel's settings.
         seeds: each walk is run once with each.
         start_known: tell the pipelines the first waypoint.
-        store: where outcomes are kept.
+        store: where outcomes are kept, None to keep none.
     """
 
     config: Config
     seeds: tuple[int, ...]
     start_known: bool
-    store: OutcomeStore
+    store: OutcomeStore | None = None
 
     def key(self, evaluation_site: EvaluationSite, walk: EvaluationWalk, seed: int, pipeline: PipelineConfig) -> str:
         """Return the key of an outcome: its name changes nothing, its algorithms, their code and parameters do."""
@@ -163,7 +165,9 @@ def run_site(
     ]
     # Where all outcomes are kept, the site need not even be there.
     site_setup = (
-        None if all(trial_options.store.has(key) for key in keys) else _site_setup(trial_options, evaluation_site)
+        None
+        if trial_options.store is not None and all(trial_options.store.has(key) for key in keys)
+        else _site_setup(trial_options, evaluation_site)
     )
     return parallel_map(partial(_run_trial, trial_options, evaluation_site, site_setup), items, processes=processes)
 
@@ -188,7 +192,7 @@ def _run_trial(
     found: dict[str, TrialOutcome] = {}
     missing: dict[str, str] = {}
     for name, key in keys.items():
-        kept = trial_options.store.get(key)
+        kept = None if trial_options.store is None else trial_options.store.get(key)
         if kept is not None:
             found[name] = kept
         elif key not in missing.values():
@@ -221,7 +225,8 @@ def _replay_missing(
     costs = {p.name: timer.cost(p, len(replayed.published[p.name])) for p in pipelines}
     kept = trial_outcomes(replayed, costs, setup.coverage, site_setup.geometries, site_setup.levels)
     for name, outcome in kept.items():
-        trial_options.store.put(missing[name], outcome)
+        if trial_options.store is not None:
+            trial_options.store.put(missing[name], outcome)
     return kept
 
 
