@@ -1,4 +1,5 @@
-"""One ``pack`` and ``unpack`` for states: frozen dataclasses of arrays, scalars, strings, tuples and dataclasses.
+"""One ``pack`` and ``unpack`` for states: frozen dataclasses of arrays, scalars, strings, tuples, dataclasses and
+read-only mappings (``MappingProxyType``) with text for keys.
 
 The bytes are canonical MessagePack: equal states give equal bytes, on any machine. Nothing is pickled, and unpacking
 builds only the dataclasses that the expected type itself names.
@@ -12,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 import msgpack
@@ -57,14 +59,14 @@ def unpack(data: bytes, like: type[T]) -> T:
             array = np.frombuffer(raw, dtype=np.dtype(dtype)).reshape(shape)
             array.flags.writeable = False
             return array
-        name, *values = msgpack.unpackb(body, ext_hook=build, use_list=False, raw=False)
+        name, *values = msgpack.unpackb(body, ext_hook=build, object_hook=MappingProxyType, use_list=False, raw=False)
         if name not in known:
             raise ValueError(f"found a packed {name}, expected one of {', '.join(sorted(known))}")
         cls = known[name]
         return cls(**dict(zip((f.name for f in dataclasses.fields(cls)), values, strict=True)))
 
     try:
-        value = msgpack.unpackb(data, ext_hook=build, use_list=False, raw=False)
+        value = msgpack.unpackb(data, ext_hook=build, object_hook=MappingProxyType, use_list=False, raw=False)
     except (TypeError, SyntaxError, msgpack.UnpackException) as error:
         raise ValueError(f"found bytes that are no packed {like.__name__}: {error}") from error
     if not isinstance(value, like):
@@ -102,9 +104,11 @@ def field_values_getter(cls: Any) -> Callable[[Any], tuple[Any, ...]] | None:
     return lambda value: tuple(getattr(value, name) for name in names)
 
 
-def _to_packable(value: Any) -> Any:
+def _to_packable(value: Any) -> Any:  # noqa: PLR0911 - one for each type
     if value.__class__ in _SCALAR_TYPES:
         return value
+    if isinstance(value, MappingProxyType):
+        return {str(key): _to_packable(item) for key, item in sorted(value.items())}
     if isinstance(value, (int, float, str, bytes, np.generic)):
         return value.item() if isinstance(value, np.generic) else value
     if isinstance(value, np.ndarray):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TypeAlias
+from types import MappingProxyType
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -205,6 +206,9 @@ class Belief:
         object.__setattr__(self, "covariance", frozen_floats("covariance", self.covariance, 2, 2))
 
 
+_NO_DIAGNOSTICS: Final[Mapping[str, float]] = MappingProxyType({})
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
     """What a filter did with a tick, for the estimate to explain itself.
@@ -216,6 +220,9 @@ class Report:
         nis: its normalised squared innovation, None where the filter computes none.
         lost: the filter does not know where it is.
         reasons: short words for what happened, such as ``"recovered"`` or ``"all particles crossed walls"``.
+        diagnostics: numbers by name that tell how the filter is doing, such as ``ess`` (effective sample size) or
+            ``log_likelihood``; names in snake_case, at most 64, values that are not finite are dropped. They are
+            carried to the estimate, the wire, the journal and the sinks, and are no part of a track's digest.
     """
 
     used: int = 0
@@ -224,6 +231,12 @@ class Report:
     nis: float | None = None
     lost: bool = False
     reasons: tuple[str, ...] = ()
+    diagnostics: Mapping[str, float] = field(default_factory=lambda: _NO_DIAGNOSTICS, hash=False)
+
+    def __post_init__(self) -> None:
+        """Keep a read-only copy of the diagnostics."""
+        if isinstance(self.diagnostics, dict):
+            object.__setattr__(self, "diagnostics", MappingProxyType(dict(self.diagnostics)))
 
 
 class Status(StrEnum):
@@ -256,6 +269,7 @@ class Estimate:
         innovation_m, nis: of the newest observation of this tick, see :class:`Report`.
         failed_by: the stage that failed and why, empty when none did.
         reasons: what the filter reported.
+        diagnostics: numbers by name that the filter reported, see :class:`Report`; read-only.
         revision: 0 as published when the tick closed; each revision counts one up.
     """
 
@@ -272,4 +286,10 @@ class Estimate:
     nis: float | None = None
     failed_by: str = ""
     reasons: tuple[str, ...] = ()
+    diagnostics: Mapping[str, float] = field(default_factory=lambda: _NO_DIAGNOSTICS)
     revision: int = 0
+
+    def __post_init__(self) -> None:
+        """Keep a read-only copy of the diagnostics."""
+        if isinstance(self.diagnostics, dict):
+            object.__setattr__(self, "diagnostics", MappingProxyType(dict(self.diagnostics)))

@@ -257,7 +257,8 @@ def digest(track: Iterable[Estimate]) -> str:
 
     Hashed is the MessagePack of each estimate in turn, floats and arrays as their 8 IEEE 754 bytes. Left out are the
     pipeline's name, so that two names of one algorithm agree, and the revision: how often a tick was revised tells of
-    the order of arrival, on which a settled track must not depend. ``closed_ns`` is left out for the same reason.
+    the order of arrival, on which a settled track must not depend. ``closed_ns`` is left out for the same reason, and
+    diagnostics, since they describe how an estimate came about and are no part of it.
     """
     sha = hashlib.sha256()
     packer = msgpack.Packer(use_bin_type=True, unicode_errors="surrogatepass")

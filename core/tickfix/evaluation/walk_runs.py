@@ -5,12 +5,13 @@ Replay, score and draw each walk, then summarise all of them in the shape that `
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from tickfix.replay.recording_files import RecordingFile
 from tickfix.replay.site_survey import site_context, trainable_choices
 from tickfix.site import Site
 
+DiagnosticSums: TypeAlias = Mapping[str, tuple[float, int]]
+
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WalkResult:
@@ -35,11 +38,14 @@ class WalkResult:
     Attributes:
         score: errors at the waypoints.
         published, settled: digests of the two tracks by pipeline.
+        diagnostics: by pipeline and name of a diagnostic, the sum of what the published estimates report, and how many
+            do.
     """
 
     score: WalkScore
     published: Mapping[str, str]
     settled: Mapping[str, str]
+    diagnostics: Mapping[str, DiagnosticSums] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,6 +59,7 @@ class PipelineSummary:
         floor_probability: share of the scored waypoints whose floor was right; None when none was scored.
         availability: share of all waypoints at which this pipeline has an estimate; None without waypoints.
         published, settled: digests; pooled ones are of the walks' digests in their order.
+        diagnostics: mean of each diagnostic over the published estimates that report it.
     """
 
     error_statistics: ErrorStatistics
@@ -62,6 +69,7 @@ class PipelineSummary:
     availability: float | None
     published: str
     settled: str
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return the object that stands under the pipeline's name."""
@@ -71,6 +79,7 @@ class PipelineSummary:
             "published": self.published,
             "settled": self.settled,
             "covered": {"share": self.covered_share} | self.covered.as_json(),
+            **({"diagnostics": dict(self.diagnostics)} if self.diagnostics else {}),
         }
 
 
@@ -145,7 +154,24 @@ def evaluate_walk(
         score=score_walk(name, floor, truth, published, coverage),
         published={pipeline: digest(track) for pipeline, track in published.items()},
         settled={pipeline: digest(track) for pipeline, track in settled.items()},
+        diagnostics={pipeline: _diagnostic_sums(track) for pipeline, track in published.items()},
     )
+
+
+def _diagnostic_sums(track: Iterable[Estimate]) -> DiagnosticSums:
+    values: dict[str, list[float]] = {}
+    for estimate in track:
+        for name, value in estimate.diagnostics.items():
+            values.setdefault(name, []).append(value)
+    return {name: (math.fsum(found), len(found)) for name, found in sorted(values.items())}
+
+
+def _mean_diagnostics(walks: Sequence[DiagnosticSums]) -> dict[str, float]:
+    means: dict[str, float] = {}
+    for name in sorted({name for walk in walks for name in walk}):
+        sums = [walk[name] for walk in walks if name in walk]
+        means[name] = math.fsum(total for total, _ in sums) / sum(count for _, count in sums)
+    return means
 
 
 def summarise(results: Sequence[WalkResult], intake: Mapping[str, int]) -> RunSummary:
@@ -193,6 +219,7 @@ def _pipeline_summary(pipeline: str, results: Sequence[WalkResult], *, pooled: b
         availability=_share_of_true(np.concatenate([score.estimated for score in scores])),
         published=pooled_digest(published) if pooled else published[0],
         settled=pooled_digest(settled) if pooled else settled[0],
+        diagnostics=_mean_diagnostics([result.diagnostics.get(pipeline, {}) for result in results]),
     )
 
 

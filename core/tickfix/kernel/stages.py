@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -264,7 +266,25 @@ def checked_report(report: Any) -> Report:
         for name in ("innovation_m", "nis")
         if getattr(report, name) is not None and not math.isfinite(getattr(report, name))
     }
+    if report.diagnostics:
+        changes["diagnostics"] = _checked_diagnostics(report.diagnostics)
     return dataclasses.replace(report, **changes) if changes else report
+
+
+def _checked_diagnostics(diagnostics: Any) -> Mapping[str, float]:
+    """Return a read-only copy with names in order and values as float, without those that are not finite."""
+    if not isinstance(diagnostics, Mapping):
+        raise TypeError(f"returned a Report with diagnostics of type {type(diagnostics).__name__}, expected a mapping")
+    if len(diagnostics) > _MAX_DIAGNOSTICS:
+        raise ValueError(f"returned a Report with {len(diagnostics)} diagnostics, at most {_MAX_DIAGNOSTICS} allowed")
+    checked: dict[str, float] = {}
+    for name, value in diagnostics.items():
+        if not isinstance(name, str) or not _DIAGNOSTIC_NAME.fullmatch(name):
+            raise ValueError(f"returned a Report with a diagnostic named {name!r:.80}, expected snake_case")
+        number = float(value)
+        if math.isfinite(number):
+            checked[name] = number
+    return MappingProxyType(dict(sorted(checked.items())))
 
 
 def checked_belief(belief: Any) -> Belief:
@@ -325,6 +345,8 @@ def has_nan(state: Any) -> bool:
 
 _TYPES_WITHOUT_NAN: Final = frozenset({int, str, bool, bytes, type(None)})
 _MAX_REASONS: Final = 64
+_MAX_DIAGNOSTICS: Final = 64
+_DIAGNOSTIC_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,63}")
 _MAX_REASONS_CHARS: Final = 4_096
 _MAX_COMPONENTS: Final = 1_024
 _REPORT_TYPES: Final = {"used": int | np.integer, "gated": int | np.integer, "lost": bool | np.bool_}

@@ -362,6 +362,7 @@ class Tracker:
             nis=report.nis,
             failed_by="; ".join(map(str, failures)),
             reasons=report.reasons,
+            diagnostics=report.diagnostics,
         )
 
 

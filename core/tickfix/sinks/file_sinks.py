@@ -91,6 +91,7 @@ class JsonLinesSink(_FileSink):
 
     Keys are those of :class:`~tickfix.api.Estimate` and :class:`~tickfix.api.Belief` with the mean as ``x_m`` and
     ``y_m`` (floor frame) and the covariance as ``covariance_m2``, row by row; those of the belief are null without one.
+    ``diagnostics`` is left out where there are none.
     """
 
     name: ClassVar[str] = "json-lines"
@@ -189,6 +190,7 @@ def _estimate_fields(estimate: Estimate) -> dict[str, Any]:
         "nis": estimate.nis,
         "failed_by": estimate.failed_by,
         "reasons": list(estimate.reasons),
+        **({"diagnostics": dict(estimate.diagnostics)} if estimate.diagnostics else {}),
     }
 
 

@@ -4,7 +4,7 @@ devices that differ in all that can differ."""
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from tickfix.api import Belief, Motion, Observation, Prior, Report, Rng, pack
@@ -102,12 +102,17 @@ def _checked_estimate_many(algorithm: Any, states: Sequence[Any]) -> Sequence[Be
     return beliefs
 
 
+def _packed(value: Any) -> bytes:
+    return pack(tuple(sorted(value.items())) if isinstance(value, Mapping) else value)
+
+
 def _require_same_bits(method: str, what: str, found: Any, expected: Any, where: str) -> None:
     """Fail unless two values have the same bits, and say which of their fields have not."""
-    if pack(found) == pack(expected):
+    same_type = type(found) is type(expected)
+    fields = [f.name for f in dataclasses.fields(expected)] if same_type else []
+    differ = [name for name in fields if _packed(getattr(found, name)) != _packed(getattr(expected, name))]
+    if same_type and not differ:
         return
-    fields = [f.name for f in dataclasses.fields(expected)] if type(found) is type(expected) else []
-    differ = [name for name in fields if pack(getattr(found, name)) != pack(getattr(expected, name))]
     require(
         condition=False,
         message=f"{method} gave another {what} {where}, than {method.removesuffix('_many')} gives of it alone: "

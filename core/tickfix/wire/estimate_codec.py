@@ -6,6 +6,7 @@ Topics, and estimates as canonical bytes (the same bytes are published and journ
 from __future__ import annotations
 
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 from urllib.parse import quote, unquote
 
@@ -126,6 +127,7 @@ class EstimateMessage(Struct, tag_field="type", tag="estimate", kw_only=True, fr
             normalised square of it; nil without one.
         failed_by: the stage that failed and why, empty when none did.
         reasons: what the filter reported.
+        diagnostics: numbers by name that the filter reported, such as ``ess``; absent when there are none.
         revision: 0 as published when the tick closed; each revision counts one up.
     """
 
@@ -143,6 +145,7 @@ class EstimateMessage(Struct, tag_field="type", tag="estimate", kw_only=True, fr
     nis: float | None = None
     failed_by: str = ""
     reasons: list[str] = []
+    diagnostics: dict[str, float] = {}
     revision: Int64 = 0
 
 
@@ -150,7 +153,8 @@ _ESTIMATE_DECODER: Final = msgspec.msgpack.Decoder(EstimateMessage)
 
 
 def encode_estimate(estimate: Estimate) -> bytes:
-    """Return the estimate's canonical bytes: keys sorted, every field present, floats with their 64 bits.
+    """Return the estimate's canonical bytes: keys sorted, every field but empty diagnostics present, floats with their
+    64 bits.
 
     Text with lone surrogates, which a plugin's failure may bring, is written with backslashes, since publishing must
     not fail for it; all else comes back from :func:`decode_estimate` bit for bit.
@@ -191,6 +195,7 @@ def decode_estimate(data: bytes) -> Estimate:
             nis=message.nis,
             failed_by=message.failed_by,
             reasons=tuple(message.reasons),
+            diagnostics=MappingProxyType(message.diagnostics),
             revision=message.revision,
         )
     except EventError as error:
@@ -220,9 +225,12 @@ def _build_component(field: str, message: ComponentMessage) -> Component:
 
 def _estimate_fields(estimate: Estimate) -> dict[str, Any]:
     belief = estimate.belief
+    # Left out when empty, so that the bytes are those of estimates before there were diagnostics.
+    diagnostics = {str(name): float(value) for name, value in sorted(estimate.diagnostics.items())}
     return {
         "belief": None if belief is None else _belief_fields(belief),
         "device": estimate.device,
+        **({"diagnostics": diagnostics} if diagnostics else {}),
         "epoch": int(estimate.epoch),
         "failed_by": estimate.failed_by,
         "innovation_m": _optional_float(estimate.innovation_m),

@@ -176,8 +176,15 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             mean_nis=mean_nis,
             fix_quality=fix_quality,
         )
-        report = Report(used=1, innovation_m=innovation_m, lost=mean_nis > _LOST_NIS)
-        return self._resample_if_degenerate(self._inject(weighted, fix, rng), rng), report
+        injected_share = self._injected_share(weighted, fix)
+        diagnostics = {
+            "ess": float(effective_sample_size(normalise_log_weights(log_weights))),
+            "injected_share": injected_share,
+            "mean_nis": mean_nis,
+        }
+        report = Report(used=1, innovation_m=innovation_m, lost=mean_nis > _LOST_NIS, diagnostics=diagnostics)
+        injected = self._inject(weighted, fix, injected_share, rng)
+        return self._resample_if_degenerate(injected, rng), report
 
     def estimate(self, state: Particles) -> Belief:
         """Say where the particles are, and how far around."""
@@ -254,11 +261,17 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         """Return how far the fix says that a survey came here, in (0, 1]."""
         return min(1.0, self.params.reference_sigma_m / max(sigma_per_axis_m(fix), 1e-9))
 
-    def _inject(self, state: Particles, fix: Fix, rng: Rng) -> Particles:
-        """Let a random few begin anew at the fix, each with the weight of an average particle."""
-        sigma = sigma_per_axis_m(fix)
+    def _injected_share(self, state: Particles, fix: Fix) -> float:
+        """Return the share of the particles to inject at a fix: more in doubt, fewer at a poor fix, 0 … 1."""
+        if state.motion is None:
+            return 0.0
         share = self.params.injection_rate_lost if state.mean_nis > _LOST_NIS else self.params.injection_rate
-        share *= min(1.0, (self.params.injection_sigma_m / sigma) ** 2)
+        share *= min(1.0, (self.params.injection_sigma_m / sigma_per_axis_m(fix)) ** 2)
+        return round(share * len(state.xy)) / len(state.xy)
+
+    def _inject(self, state: Particles, fix: Fix, share: float, rng: Rng) -> Particles:
+        """Let a random share begin anew at the fix, each with the weight of an average particle."""
+        sigma = sigma_per_axis_m(fix)
         n = round(share * len(state.xy))
         if n == 0 or state.motion is None:
             return state

@@ -122,11 +122,14 @@ class Kalman(PredictUpdateFilter[KalmanParams, KalmanState]):
         y = fix.xy - h @ state.m
         s = h @ state.p @ h.T + r
         nis = float(y @ np.linalg.solve(s, y))
-        s *= max(1.0, (nu + nis) / (nu + 2.0))
+        scale = max(1.0, (nu + nis) / (nu + 2.0))
+        s *= scale
         k = np.linalg.solve(s, h @ state.p).T  # eq. (11): K = P Hᵀ S⁻¹
         m = state.m + k @ y  # eq. (17)
         p = state.p - k @ s @ k.T  # eq. (10)
-        report = Report(used=1, innovation_m=float(np.hypot(*y)), nis=nis)
+        log_likelihood = -0.5 * (nis / scale + math.log(np.linalg.det(2.0 * math.pi * s)))
+        diagnostics = {"innovation_scale": scale, "log_likelihood": log_likelihood}
+        report = Report(used=1, innovation_m=float(np.hypot(*y)), nis=nis, diagnostics=diagnostics)
         return replace(state, hysteresis=hysteresis, m=frozen(m), p=_symmetric(p)), report
 
     def estimate(self, state: KalmanState) -> Belief:

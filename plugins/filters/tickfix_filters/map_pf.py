@@ -38,7 +38,7 @@ from tickfix.api import (
     parameter,
 )
 from tickfix.toolkit.fix_errors import FloorHysteresis
-from tickfix.toolkit.particles import normalise_log_weights, systematic_resample
+from tickfix.toolkit.particles import effective_sample_size, normalise_log_weights, systematic_resample
 from tickfix.toolkit.walkable_area import outside_walkable, sample_around
 from tickfix_filters.fading_ekf import (
     FadingParams,
@@ -173,11 +173,13 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         ekf, correction = correct_by_fix(state.ekf, fix.xy, fix.covariance, self.params)
         place, _ = extrapolate(ekf, self.params)
         resampled = self._resample(replace(state, hysteresis=hysteresis, ekf=ekf), place, rng)
-        off = place - normalise_log_weights(resampled.log_weights) @ resampled.xy
+        weights = normalise_log_weights(resampled.log_weights)
+        report = replace(correction.report, diagnostics={"ess": float(effective_sample_size(weights))})
+        off = place - weights @ resampled.xy
         distant_fixes = state.distant_fixes + 1 if float(np.hypot(*off)) > self.params.reset_distance_m else 0
         if distant_fixes >= self.params.reset_after_fixes:
-            return self._reinitialise(replace(resampled, lockouts=state.lockouts + 1), rng), correction.report
-        return replace(resampled, distant_fixes=distant_fixes), correction.report
+            return self._reinitialise(replace(resampled, lockouts=state.lockouts + 1), rng), report
+        return replace(resampled, distant_fixes=distant_fixes), report
 
     def estimate(self, state: MapParticles) -> Belief:
         """Step 6: the weighted mean of the particles, eq. (23)."""

@@ -39,6 +39,9 @@ BAD_STEPS: dict[str, Callable[[Chain, Any], tuple[Any, Any]]] = {
     "TypeError of a list": lambda state, _: (state, Report(reasons=["a"])),  # type: ignore[arg-type]
     "TypeError of lost": lambda state, _: (state, Report(lost=np.array([True, False]))),  # type: ignore[arg-type]
     "TypeError of used": lambda state, _: (state, Report(used="many")),  # type: ignore[arg-type]
+    "TypeError of diagnostics": lambda state, _: (state, Report(diagnostics=[1.0])),  # type: ignore[arg-type]
+    "ValueError of a name": lambda state, _: (state, Report(diagnostics={"Effective size": 1.0})),
+    "ValueError of many": lambda state, _: (state, Report(diagnostics={f"d{n}": 1.0 for n in range(65)})),
     "ValueError of many words": lambda state, _: (state, Report(reasons=("a" * 5_000,))),
 }
 
@@ -137,3 +140,19 @@ def test_between_calls_no_stage_is_being_called() -> None:
     assert len(called) > 2
     assert all(stage is not None for stage in called[::2])
     assert set(called[1::2]) == {None}
+
+
+def test_diagnostics_reach_the_estimate_read_only_and_without_what_is_not_finite() -> None:
+    class Telling(ToyFilter):
+        def step(self, state: Chain, motion: Motion, observations: Sequence[Observation], rng: Rng) -> Any:
+            state, report = super().step(state, motion, observations, rng)
+            return state, replace(report, diagnostics={"nis": 2, "ess": np.float64(81.5), "bad": math.inf})
+
+    stage = Stage("filter", "telling", "telling", Telling())
+    events = [scan(0.5, "a"), *walk(0, 2)]
+    estimates = fold([replace(toy_pipeline("p"), filter=stage)], events, SETTINGS).published["d", "p"]
+    told = [estimate.diagnostics for estimate in estimates if estimate.diagnostics]
+    assert told
+    assert all(list(one.items()) == [("ess", 81.5), ("nis", 2.0)] for one in told)
+    with pytest.raises(TypeError):
+        told[0]["ess"] = 0.0  # type: ignore[index]

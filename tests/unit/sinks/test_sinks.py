@@ -97,6 +97,11 @@ def test_a_line_says_all_that_the_estimate_says(tmp_path: Path) -> None:
     ]
 
 
+def test_diagnostics_are_written_where_there_are_some(tmp_path: Path) -> None:
+    told, plain = lines(tmp_path / "out.jsonl", [replace(ESTIMATE, diagnostics={"ess": 81.5}), ESTIMATE])
+    assert told == plain | {"diagnostics": {"ess": 81.5}}
+
+
 def test_a_line_without_belief_has_the_same_keys(tmp_path: Path) -> None:
     with_belief, without = lines(tmp_path / "out.jsonl", [ESTIMATE, WAITING])
     assert list(with_belief) == list(without)

@@ -37,9 +37,19 @@ def test_an_estimate_comes_back_bit_for_bit(estimate):
 def test_keys_stand_in_order_and_every_field_is_there(estimate):
     fields = msgpack.unpackb(encode_estimate(estimate))
     assert list(fields) == sorted(fields)
-    assert set(fields) == {"v", "type", *Estimate.__dataclass_fields__}
+    expected = {"v", "type", *Estimate.__dataclass_fields__}
+    assert set(fields) == (expected if estimate.diagnostics else expected - {"diagnostics"})
     if estimate.belief is not None:
         assert list(fields["belief"]) == sorted(Belief.__dataclass_fields__)
+
+
+def test_diagnostics_are_sorted_and_leave_the_bytes_alone_when_there_are_none():
+    told = replace(PLAIN, diagnostics={"nis": 2.0, "ess": np.float64(81.5)})
+    fields = msgpack.unpackb(encode_estimate(told))
+    assert list(fields["diagnostics"].items()) == [("ess", 81.5), ("nis", 2.0)]
+    assert decode_estimate(encode_estimate(told)).diagnostics == {"ess": 81.5, "nis": 2.0}
+    assert "diagnostics" not in msgpack.unpackb(encode_estimate(PLAIN))
+    assert b"diagnostics" not in encode_estimate(replace(PLAIN, diagnostics={}))
 
 
 def test_numbers_of_numpy_have_the_bytes_of_plain_ones():

@@ -107,6 +107,7 @@ ESTIMATES = st.builds(
     nis=st.none() | FLOAT,
     failed_by=TEXT,
     reasons=st.lists(TEXT, max_size=3).map(tuple),
+    diagnostics=st.dictionaries(TEXT, FLOAT, max_size=3),
     revision=INT64,
 )
 
