@@ -3,7 +3,7 @@
 //     node listener.mjs tcp://127.0.0.1:5572 [PREFIX] [COUNT]
 //
 // PREFIX chooses topics: estimate/ (all, the default), estimate/mall/F1/, device/mall/phone-17/ … What was missed, a
-// silent engine and one that began anew are told on stderr. Ends after COUNT estimates, if told.
+// silent engine and one that restarted are told on stderr. Ends after COUNT estimates, if told.
 
 import { decode } from "./messagepack.mjs";
 import { Connection } from "./zmtp.mjs";
@@ -38,7 +38,7 @@ function take([topic, envelope, body]) {
   silence = setTimeout(() => console.error(`nothing heard for ${SILENCE_MS / 1000} s, no heartbeat either`), SILENCE_MS);
   const { run: theirs, seq } = decode(envelope);
   if (theirs !== run) {
-    if (run !== undefined) console.error(`the engine began anew: run ${theirs}`);
+    if (run !== undefined) console.error(`the engine restarted: run ${theirs}`);
     run = theirs;
     lastNumbers.clear();
   }

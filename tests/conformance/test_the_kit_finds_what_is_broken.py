@@ -338,7 +338,7 @@ BROKEN_FILTERS: dict[str, tuple[type[Any], str, str]] = {
         "estimate_many alone",
     ),
     "devices that sway each other": (many(_swayed), "many_devices_at_once", "another state of device .*: xy differs"),
-    "devices in the wrong order": (many(lambda stepped: stepped[::-1]), "many_devices_at_once", "at once, at tick 1"),
+    "devices in the wrong order": (many(lambda stepped: stepped[::-1]), "many_devices_at_once", "all together, at tick 1"),
     "devices left out": (many(lambda stepped: stepped[:1]), "many_devices_at_once", "of 7 devices returned 1 results"),
     "devices reported otherwise": (
         many(lambda stepped: [(state, Report()) for state, _ in stepped]),
@@ -611,7 +611,7 @@ BROKEN_MAPS: dict[str, tuple[type[Any], str, str]] = {
     "by company": (
         changed(GoodMap, crosses=lambda self, a, b: GoodMap.crosses(self, a, b) & (len(a) > 50)),
         "judged_by_itself",
-        "says otherwise of 7 places than among 300",
+        "differs for 7 places alone and among 300",
     ),
     "lists": (changed(GoodMap, contains=lambda self, xy: [True] * len(xy)), "shapes_and_types", "expected"),
     "writes": (

@@ -183,13 +183,13 @@ def test_whoever_is_shut_out_is_told_why(context, tmp_path):
     phone, stranger = (Keys.read(tmp_path / f"{name}.key", tmp_path / "engine.pub") for name in ("phone", "stranger"))
     mistaken = Keys(phone.public, phone.secret, stranger.public)
     told = {"context": context, "timeout_s": PATIENCE_S}
-    for keys, why in ((phone, "this key"), (stranger, "this key"), (None, "asks for a key, and none was given")):
+    for keys, why in ((phone, "this key"), (stranger, "this key"), (None, "requires a key, and none was given")):
         with (
             Control(guarded.addresses.control, keys=keys, **told) as control,
             pytest.raises(AccessDeniedError, match=why),
         ):
             control.status()
-    for keys, why in ((stranger, "this key"), (None, "asks for a key")):
+    for keys, why in ((stranger, "this key"), (None, "requires a key")):
         with (
             Listener(guarded.addresses.positions, keys=keys, context=context) as listener,
             pytest.raises(AccessDeniedError, match=why),

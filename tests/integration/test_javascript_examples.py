@@ -214,7 +214,7 @@ def test_the_listener_prints_estimates_and_tells_gaps_and_restarts(engine, node)
     assert first["belief"]["xy"] == [1.25, 0]
     assert first["belief"]["floor_probabilities"] == [["F1", 0.75], ["Ü", 0.25]]
     assert first["belief"]["mixture"][0]["weight"] == 1
-    assert err.splitlines() == ["missed 2 of estimate/mall/d%2F%C3%A9/p", "the engine began anew: run r2"]
+    assert err.splitlines() == ["missed 2 of estimate/mall/d%2F%C3%A9/p", "the engine restarted: run r2"]
 
 
 class Raw:

@@ -53,7 +53,7 @@ def test_commands_come_in_with_their_keys_and_are_told_what_to_do_without(
     assert "the engine does not let this key in here; put it on the engine's allow-list" in done.stderr
     assert "tickfix keys allow" in tickfix("status", control, "--timeout", "60", *phone, code=2).stderr
     done = tickfix("listen", positions, code=2)
-    assert "the engine asks for a key, and none was given" in done.stderr
+    assert "the engine requires a key, and none was given" in done.stderr
     assert "tickfix keys new" in done.stderr
 
     with Control(control, keys=Keys.read(keys / "desk.key", keys / "engine.pub"), timeout_s=60.0) as asked:

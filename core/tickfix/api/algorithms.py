@@ -85,7 +85,7 @@ class Filter(Protocol):
         """Return the state at a known start, at a first observation, or with nothing known.
 
         It is called at the beginning of a track, and, as long as it returns None, again at every tick that brings an
-        observation. Until then the estimate says ``initialising``.
+        observation. Until then the estimate has status ``initialising``.
         """
         ...
 
@@ -94,17 +94,17 @@ class Filter(Protocol):
         ...
 
     def estimate(self, state: Any) -> Belief:
-        """Say what the state means. Must not draw random numbers."""
+        """Return the belief that the state represents. Must not draw random numbers."""
         ...
 
 
 class BatchFilter(Filter, Protocol):
-    """A filter that may be asked for many devices at once; optional, for filters that are faster so.
+    """A filter that can step many devices in one call; optional, for filters that are faster that way.
 
-    Both methods must say, bit for bit, what ``step`` and ``estimate`` say of each device alone, whichever devices are
-    asked for together and in whichever order: no sum may run over devices, nor in an order that depends on how many
-    there are, as that of a matrix product does. Where ``step_many`` or ``estimate_many`` raises, the devices are asked
-    for one by one, so that only those fail that fail alone.
+    Both methods must return, bit for bit, what ``step`` and ``estimate`` return for each device alone, for any grouping
+    and order of devices: no sum may run over devices, nor in an order that depends on how many there are, as that of a
+    matrix product does. If ``step_many`` or ``estimate_many`` raises, the devices are stepped one by one, so that only
+    those fail that fail alone.
     """
 
     def step_many(
@@ -121,7 +121,7 @@ class BatchFilter(Filter, Protocol):
         ...
 
     def estimate_many(self, states: Sequence[Any]) -> Sequence[Belief]:
-        """Say what each state means."""
+        """Return the belief that each state represents."""
         ...
 
 
@@ -243,7 +243,7 @@ class StatelessFingerprint(BaseFingerprint[P]):
 
     @abstractmethod
     def locate(self, window: Readings) -> Fix | None:
-        """Return the position of the window, None where its readings do not tell one."""
+        """Return the position of the window, None if its readings do not determine one."""
 
 
 class BaseFilter(_AlgorithmBase[P]):
@@ -254,7 +254,7 @@ class BaseFilter(_AlgorithmBase[P]):
 
     @abstractmethod
     def start(self, prior: Prior, rng: Rng) -> Any | None:
-        """Return the state at the prior, or None to wait for one that says more."""
+        """Return the state at the prior, or None to wait for one with a fix."""
 
     @abstractmethod
     def step(self, state: Any, motion: Motion, observations: Sequence[Observation], rng: Rng) -> tuple[Any, Report]:
@@ -262,7 +262,7 @@ class BaseFilter(_AlgorithmBase[P]):
 
     @abstractmethod
     def estimate(self, state: Any) -> Belief:
-        """Say what the state means."""
+        """Return the belief that the state represents."""
 
 
 class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
@@ -310,11 +310,11 @@ class BaseMap(_AlgorithmBase[P]):
 
     @abstractmethod
     def contains(self, xy: Floats) -> Bools:
-        """Tell for each point whether one can stand there."""
+        """Return for each point whether one can stand there."""
 
     @abstractmethod
     def crosses(self, a: Floats, b: Floats) -> Bools:
-        """Tell for each move whether it passes through or touches a wall."""
+        """Return for each move whether it passes through or touches a wall."""
 
     @abstractmethod
     def nearest_free(self, xy: Floats) -> Floats:

@@ -22,7 +22,7 @@ _INT64: Final = np.dtype(np.int64)
 def frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """Return ``values`` as a C-contiguous, read-only array of ``dtype``.
 
-    A writable array is copied, so that nobody outside can change what a value holds; one that is read-only already is
+    A writable array is copied, so that its owner cannot change what a value holds; one that is read-only already is
     shared.
     """
     array = np.asarray(values, dtype=dtype, order="C")

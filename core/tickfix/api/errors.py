@@ -1,4 +1,4 @@
-"""Errors that say what was found, where, and what to do about it."""
+"""Errors that name what was found, where, and what to do about it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ConfigError(TickfixError):
 
 
 class PluginError(TickfixError):
-    """A plugin or algorithm that breaks its contract: names it, says what was found and how to mend it."""
+    """A plugin or algorithm that breaks its contract: names it, the problem and how to fix it."""
 
     def __init__(self, plugin: str, problem: str, fix: str) -> None:
         super().__init__(f"{plugin}: {problem}. {fix}")

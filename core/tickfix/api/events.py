@@ -26,7 +26,7 @@ LATEST_NS: Final = 2**62 - 1
 no time, and is left out. There is room above it, so that ticks and sums of two times fit into 64 bits."""
 
 UNSET_NS: Final = -(2**63)
-"""A time not told; the event fills in what its own content implies."""
+"""A missing time; the event fills in what its own content implies."""
 
 SENSORS: Final[Mapping[str, tuple[int, str]]] = MappingProxyType(
     {
@@ -46,7 +46,7 @@ class Samples:
 
     Attributes:
         t_ns: (n,) int64, device clock.
-        values: (n, c) float64, columns and unit as :data:`SENSORS` says.
+        values: (n, c) float64, columns and unit as in :data:`SENSORS`.
     """
 
     t_ns: Ints
@@ -105,7 +105,7 @@ class MotionSamples:
             object.__setattr__(self, "arrival_ns", self.t1_ns)
 
     def _cover(self) -> None:
-        """Fill in the interval from the oldest to the newest sample, as far as it was not told."""
+        """Fill in the interval from the oldest to the newest sample, where it is missing."""
         times = np.frombuffer(b"".join([samples.t_ns.tobytes() for samples in self.sensors.values()]), np.int64)
         # Integers: the smallest one is the one found first, and finding it takes a fifth of the time of ``min``.
         if self.t0_ns == UNSET_NS:
@@ -183,7 +183,7 @@ class Pressure:
     seq: int = 0
 
     def __post_init__(self) -> None:
-        """Take the time of measurement as arrival where none is told."""
+        """Use the time of measurement as arrival if that is missing."""
         if self.arrival_ns == UNSET_NS:
             object.__setattr__(self, "arrival_ns", self.t_ns)
 
@@ -193,8 +193,8 @@ class Fix:
     """A position computed from a scan, by a fingerprint here or by another process.
 
     Attributes:
-        t_ns: the instant the position describes. A fingerprint that uses old readings says so here: its fix may lie
-            seconds before the scan that brought it.
+        t_ns: the instant the position describes. A fingerprint that uses old readings dates its fix accordingly: it may
+            lie seconds before the scan that brought it.
         floor: name of the floor, metres are in its frame.
         xy: (2,) float64, metres, x east and y north.
         covariance: (2, 2) float64, m².

@@ -14,7 +14,7 @@ calls its hooks through pluggy. There are two groups:
 No result depends on the order in which plugins are called: they are taken in the order of their distribution and
 entry-point names, tickfix's own first.
 
-A module may say which interface it was written for, ``TICKFIX_API = 1``; one that asks for another than
+A module may declare which interface it was written for, ``TICKFIX_API = 1``; one that declares another than
 :data:`API_VERSION` is reported and left out.
 """
 
@@ -48,7 +48,7 @@ hookimpl = pluggy.HookimplMarker("tickfix")
 def tickfix_register() -> Sequence[type[Any]]:  # type: ignore[empty-body]
     """Offer algorithms, readers and sinks.
 
-    Called once, when tickfix starts. Return the classes; each says what it is by ``kind`` (``"pdr"``,
+    Called once, when tickfix starts. Return the classes; each declares its ``kind`` (``"pdr"``,
     ``"fingerprint"``, ``"filter"``, ``"map"``, ``"reader"``, ``"sink"``) and ``name``, by which pipelines choose it.
     A name that another plugin already offers for the same kind is reported, and that class left out.
 
@@ -176,7 +176,7 @@ def check_algorithm_class(cls: Any) -> None:
     """Check that a class is an algorithm, reader or sink that tickfix can use.
 
     Raises:
-        ValueError: saying what is wrong and what is expected.
+        ValueError: with the problem and what is expected.
     """
     if not isinstance(cls, type):
         raise ValueError(f"offers {cls!r:.60}, expected a class")  # noqa: TRY004 - one kind of error for all checks

@@ -19,7 +19,7 @@ class Recording:
 
     Attributes:
         name: the file's name without extensions; also the device that the events speak of.
-        floor: where it was walked, empty when the walk changes floors or the recording does not say.
+        floor: where it was walked, empty when the walk changes floors or the recording has no floor.
         events: in the order they were logged; truth among them.
         rejected: what could not be used, counted by reason.
         problems: the first few of these, each with its line and what was found there.

@@ -24,8 +24,8 @@ class Floor:
         level: number of the storey, 0 or 1 for the ground as the building counts.
         width_m, height_m: of the drawing.
         outline: rings (n, 2) that bound the floor; a point inside an odd number of them is on the floor.
-        obstacles: rings (n, 2) nobody walks through: shops, shafts, voids.
-        walls: (m, 2, 2) float64, segments from (x, y) to (x, y) nobody walks through.
+        obstacles: rings (n, 2) that one cannot walk through: shops, shafts, voids.
+        walls: (m, 2, 2) float64, segments from (x, y) to (x, y) that one cannot walk through.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Floor:
 class RadioMap:
     """What the survey heard, every sample kept: reference points × transmitters.
 
-    Samples are the long form of the matrix: sample *s* says that at ``sample_xy[s]``, which belongs to reference point
+    Samples are the long form of the matrix: sample *s* means that at ``sample_xy[s]``, which belongs to reference point
     ``sample_point[s]``, transmitter ``sample_transmitter[s]`` was received with ``sample_rssi_dbm[s]``.
 
     Attributes:
@@ -195,12 +195,12 @@ class Survey:
 class FloorMap(Protocol):
     """Vectorised geometry of one floor. Points are (n, 2) float64, metres, floor frame.
 
-    Each point, and each move, is judged by itself: filters ask for many devices at once, and what else is asked may
+    Each point, and each move, is judged by itself: filters call it for many devices together, and other rows may
     change no answer.
     """
 
     def contains(self, xy: Floats) -> Bools:
-        """Tell for each point whether one can stand there: (n,) bool."""
+        """Return for each point whether one can stand there: (n,) bool."""
         ...
 
     def crosses(self, a: Floats, b: Floats) -> Bools:

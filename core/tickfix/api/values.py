@@ -16,11 +16,11 @@ from tickfix.api.events import Fix, Scan
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """What dead reckoning says happened within one tick, (``t0_ns``, ``t1_ns``].
+    """The result of dead reckoning for one tick, (``t0_ns``, ``t1_ns``].
 
-    The way is ``distance_m`` along ``heading_rad``; a phone without compass has no heading and tells only how it
-    turned. Uncertainties are one standard deviation and come in two kinds: *white* ones are drawn anew every tick,
-    *bias-like* ones stay for the whole walk and can be estimated by a filter.
+    The displacement is ``distance_m`` along ``heading_rad``; a phone without compass has no heading, only turns.
+    Uncertainties are one standard deviation and come in two kinds: *white* ones are independent from tick to tick,
+    *bias-like* ones are constant over the walk and can be estimated by a filter.
 
     Attributes:
         distance_m: length of the way, ≥ 0.
@@ -54,7 +54,7 @@ class Motion:
 
     @staticmethod
     def unknown(t0_ns: int, t1_ns: int, speed_sigma_mps: float = 1.0) -> Motion:
-        """Nobody measured motion in this tick: the person may have walked anywhere at walking speed."""
+        """Return the motion of a tick without measurements: the person may have walked anywhere at walking speed."""
         return Motion(
             t0_ns=t0_ns,
             t1_ns=t1_ns,
@@ -136,7 +136,7 @@ class Observation:
     Attributes:
         t_ns: the scan's time.
         source: name of the fingerprint, or of the process that sent the fix.
-        fix: the position found, or None where the scan says nothing.
+        fix: the position found, or None if the scan does not determine one.
         log_likelihood: ``(floor, xy (n, 2)) → (n,)``: log of how well each place explains the scan, up to a constant;
             None where not offered.
         sample: ``(n, rng) → (floors, xy (n, 2))``: places drawn in proportion to it; None where not offered.
@@ -155,7 +155,7 @@ class Prior:
 
     Attributes:
         t_ns: when.
-        fix: the place, either told by whoever started the track or found by the first observation.
+        fix: the position, known at the start of the track or found by the first observation.
         observation: the first observation, where one started the track.
     """
 
@@ -249,14 +249,14 @@ class Status(StrEnum):
     COASTING = "coasting"
     """Only motion has carried the belief for longer than that."""
     LOST = "lost"
-    """The filter says that it does not know."""
+    """The filter reports that it has lost track."""
     FAILED = "failed"
     """A stage failed in this tick; the belief is the one before it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Estimate:
-    """What a tracker says at a tick.
+    """The result of a pipeline at a tick.
 
     Attributes:
         device, pipeline: who is followed, and by which pipeline.

@@ -245,7 +245,7 @@ def _warn_of_loss(what: dict[str, Any]) -> None:
         case {"type": "heartbeat_timeout", "elapsed_s": heartbeat_timeout_s}:
             warn(f"nothing was heard for {heartbeat_timeout_s:.1f} s, not even a heartbeat")
         case {"type": "run", "run": run}:
-            warn(f"the engine began anew: run {run}")
+            warn(f"the engine restarted: run {run}")
 
 
 class ControlAction(StrEnum):

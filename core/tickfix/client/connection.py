@@ -35,7 +35,7 @@ class ClientError(Exception):
 
 
 class AccessDeniedError(ClientError):
-    """The engine does not let this client in; the message says why, and what to do."""
+    """The engine refuses this client; the message gives the reason and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +147,7 @@ class HandshakeMonitor:
     """
 
     def __init__(self, socket: zmq.Socket[bytes], address: str, keys: Keys | None) -> None:
-        """Begin to watch, and connect; that nobody is there yet is no error.
+        """Start the monitor and connect; the engine need not be running yet.
 
         Raises:
             ClientError: for an address that cannot be.
@@ -198,7 +198,7 @@ class HandshakeMonitor:
         """Raise where the engine does not let this client in, as far as :meth:`read_events` has seen.
 
         Raises:
-            AccessDeniedError: saying why, and what to do.
+            AccessDeniedError: with the reason and the remedy.
         """
         if self.denied_reason:
             raise AccessDeniedError(f"{self._address}: {self.denied_reason}")
@@ -215,7 +215,7 @@ class HandshakeMonitor:
             return
         if self._keys is None:
             self.denied_reason = (
-                "the engine asks for a key, and none was given; whoever runs it makes one with `tickfix keys new`; "
+                "the engine requires a key, and none was given; its operator creates one with `tickfix keys new`; "
                 "then start again with it (--key NAME.key, engine.pub beside it)"
             )
         else:

@@ -22,7 +22,7 @@ from tickfix.client.connection import (
 
 
 class RequestTimeoutError(ClientError, TimeoutError):
-    """Nobody answered in time."""
+    """No reply within the timeout."""
 
 
 class RequestRefusedError(ClientError):
@@ -48,7 +48,7 @@ class Control:
         clock: Callable[[], float] = time.monotonic,
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
     ) -> None:
-        """Connect; that nobody is there yet is no error before the first request.
+        """Connect; the engine need not be running before the first request.
 
         Raises:
             ClientError: for an address that cannot be.
@@ -101,7 +101,7 @@ class Control:
         return self.request("health")
 
     def counters(self) -> Any:
-        """Return the counts: messages by outcome, and what pipelines made of them."""
+        """Return the counts: messages by outcome, and results of pipelines."""
         return self.request("counters")
 
     def devices(self) -> Any:
@@ -129,11 +129,11 @@ class Control:
         return self.request("primary", pipeline=pipeline)
 
     def drain(self) -> Any:
-        """Tell the engine to take no more messages, and to finish what it has."""
+        """Ask the engine to refuse new messages and to finish those it has."""
         return self.request("drain")
 
     def stop(self) -> Any:
-        """Tell the engine to end."""
+        """Ask the engine to shut down."""
         return self.request("stop")
 
     def close(self) -> None:

@@ -38,7 +38,7 @@ class Listener:
 
     Attributes:
         missed: estimates known to be missed.
-        duplicates: estimates heard before, as after a reconnection; they are not told again.
+        duplicates: estimates received before, as after a reconnection; they are dropped.
         run: id of the engine's run, None before anything was heard.
         heartbeat: the last heartbeat, None before the first.
     """
@@ -57,7 +57,7 @@ class Listener:
         clock: Callable[[], float] = time.monotonic,
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
     ) -> None:
-        """Connect and subscribe; that nobody is there yet is no error.
+        """Connect and subscribe; the engine need not be running yet.
 
         Raises:
             ClientError: for an address that cannot be.
@@ -121,7 +121,7 @@ class Listener:
         self.close()
 
     def _wait(self, deadline_s: float | None) -> None:
-        """Wait for a message, the deadline, the silence that is to be told, or news of the connection."""
+        """Wait for a message, the deadline, a heartbeat timeout, or a change of the connection."""
         heartbeat_timeout_s = None if self._heartbeat_overdue else self._last_received_s + self._heartbeat_timeout_s
         ends_s = [end_s for end_s in (deadline_s, heartbeat_timeout_s) if end_s is not None]
         self._handshake.poller.poll(int(max(0.0, 1000.0 * (min(ends_s) - self._clock()))) + 1 if ends_s else None)
@@ -170,7 +170,7 @@ class Listener:
         if last == seq:
             self.duplicates += 1
             return False
-        # A smaller number within a run: the stream counts anew, since its device left and came back.
+        # A smaller number within a run: the stream was numbered from 1 again, since its device left and came back.
         if last is not None and seq > last + 1 and self._covers_all_floors(topic):
             self.missed += seq - last - 1
             if self._on_gap is not None:

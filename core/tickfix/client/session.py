@@ -28,11 +28,11 @@ from tickfix.client.connection import (
 )
 
 SEND_WINDOW: Final = 24
-"""Numbers that may be under way at once.
+"""Messages that may be in flight.
 
 An engine holds at least 32 answers for a connection that does not read at the moment, and those beyond are lost; so
 that many messages, and a greeting, may wait for theirs. It is also far below the 4096 numbers that an engine remembers,
-so that whatever is sent again is known as new or as a duplicate, never too old to tell.
+so that the engine can always classify a retransmission as new or duplicate.
 """
 
 _BACKOFF_FACTOR: Final = 2.0
@@ -80,7 +80,7 @@ class RetransmitBuffer:
         return len(self._entries) < self._most_messages and self._bytes + n_bytes <= self._most_bytes
 
     def add(self, seq: int, data: bytes) -> None:
-        """Keep a message; it is due at once. Numbers come in ascending order."""
+        """Keep a message; it is due immediately. Numbers come in ascending order."""
         self._entries[seq] = _UnackedMessage(data, 0.0)
         self._bytes += len(data)
 
@@ -116,13 +116,13 @@ class RetransmitBuffer:
         return min(entry.due_s for seq, entry in self._entries.items() if seq < end)
 
     def sent(self, seq: int, now_s: float) -> None:
-        """Take note that a message went out: it is due again when its patience is over."""
+        """Record that a message was sent: it is due again after its backoff."""
         entry = self._entries[seq]
         entry.due_s = now_s + self._resend_s * entry.backoff
         entry.backoff = min(entry.backoff * _BACKOFF_FACTOR, _MAX_BACKOFF)
 
     def defer(self, seq: int, now_s: float) -> None:
-        """Take note that the engine was busy: this message waits its turn."""
+        """Record that the engine was busy: the message is due again after the resend interval."""
         entry = self._entries.get(seq)
         if entry is not None:
             entry.due_s = now_s + self._resend_s
@@ -138,7 +138,7 @@ RETRYABLE_OUTCOMES: Final = frozenset({"busy", "throttled"})
 """Outcomes after which a message is sent again; every other one is final."""
 
 _DEFAULT_MESSAGE_BYTES: Final = 262_144
-"""What an engine takes unless it says otherwise in its welcome; far beyond it, it hangs up."""
+"""Default limit of an engine; its welcome may name another. Far beyond its limit it closes the connection."""
 
 
 class BufferFullError(ClientError):
@@ -146,7 +146,7 @@ class BufferFullError(ClientError):
 
 
 class Session:
-    """Sends what one device says, and sends again what was not acknowledged.
+    """Sends the messages of one device, and retransmits what was not acknowledged.
 
     A message counts once: the engine knows it by ``session`` and number, however often it is sent. Nothing here
     waits but :meth:`flush`; acknowledgements are read, and what is due is sent again, whenever a method is called.
@@ -154,17 +154,16 @@ class Session:
     Args:
         address: the engine's sensors port, tcp or ipc.
         device: name of the device.
-        session: names this run of the device; a random one where not told. Whoever goes on with an old session goes
-            on with its numbers: ``first_seq``.
+        session: names this run of the device; random by default. A client that continues an old session must also
+            continue its numbers: ``first_seq``.
         keys: CURVE keys, where the engine asks for them.
         buffer_messages, buffer_bytes: how much is kept that was not acknowledged.
-        send_hello: say ``hello``, which makes this sender the voice of the device. A process that only adds fixes or
-            truth
-            to a device that speaks for itself does not.
+        send_hello: send ``hello``, which binds the device to this sender. Leave it out in a process that only adds
+            fixes or truth to a device that sends for itself.
         resend_s: how long to wait for an acknowledgement before sending again.
         on_outcome: called with (number, outcome, detail) of every message that is done with.
         on_drop: called with the number of the oldest message, which is dropped when too much is kept; without it
-            the new message is refused with :class:`OutboxFullErrorControlReply`.
+            the new message is refused with :class:`BufferFullError`.
         clock: seconds, monotonic.
 
     Attributes:
@@ -172,8 +171,8 @@ class Session:
         sent, resent: messages that went out for the first time, and again.
         welcome: what the engine answered to ``hello``, None before.
         refused: why the engine refused a ``hello``, or messages it did not look into; empty after a ``welcome``.
-        handshake: tells whether the engine lets this client in at all: ``handshake.shut`` and ``handshake.doubt`` say
-            why not.
+        handshake: monitors whether the engine admits this client: ``handshake.shut`` and ``handshake.doubt`` give the
+            reason if not.
     """
 
     def __init__(
@@ -193,7 +192,7 @@ class Session:
         clock: Callable[[], float] = time.monotonic,
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
     ) -> None:
-        """Connect; that nobody is there yet is no error.
+        """Connect; the engine need not be running yet.
 
         Raises:
             ClientError: for an address that cannot be.
@@ -217,7 +216,7 @@ class Session:
         self._bye_sent = False
         self._hello_due = send_hello
         self._socket = open_client_socket(zmq.DEALER, keys, context)
-        # Nothing waits in a queue of libzmq for a connection: what waits, waits in the outbox.
+        # Without a connection libzmq queues nothing: messages wait in the retransmit buffer.
         self._socket.setsockopt(zmq.IMMEDIATE, 1)
         self.handshake = HandshakeMonitor(self._socket, address, keys)
 
@@ -227,7 +226,7 @@ class Session:
         return len(self._buffer)
 
     def hello(self, sensors: Mapping[str, float], *, software: str = "tickfix.client", clock: str = "") -> None:
-        """Tell what measures at which rate in Hz; said again by itself on every new connection.
+        """Send the sensors with their rates in Hz; it is sent again on every new connection.
 
         Without this call the session is opened with a ``hello`` that names no sensors.
         """
@@ -258,9 +257,9 @@ class Session:
         return seq
 
     def bye(self, timeout_s: float = 5.0) -> bool:
-        """Tell that the device leaves, after all else was acknowledged; return whether it was heard in time.
+        """Send ``bye`` after everything else was acknowledged; return whether it was acknowledged in time.
 
-        Where it was not, call again: goodbye is said once, until something else is sent.
+        If it was not, call again: ``bye`` is sent once, until something else is sent.
         """
         before = self._clock()
         if not self.flush(timeout_s):
@@ -279,12 +278,12 @@ class Session:
             due_s = self._buffer.next_due_s()
             if due_s is None or now_s >= deadline_s:
                 return due_s is None
-            # Due already and yet not sent: the socket does not take it, and only a look from time to time tells.
+            # Due already and yet not sent: the socket would block, so try again after a short poll.
             wake_s = due_s if due_s > now_s else now_s + 0.05
             self.handshake.poller.poll(int(1000.0 * (min(wake_s, deadline_s) - now_s)) + 1)
 
     def close(self) -> int:
-        """Close at once; return the number of messages whose fate stays unknown. :meth:`flush` first to have none."""
+        """Close without waiting; return the number of unacknowledged messages. See :meth:`flush`."""
         self.handshake.close()
         return len(self._buffer)
 
@@ -309,7 +308,7 @@ class Session:
                 raise BufferFullError(
                     f"{self._address}: {len(self._buffer)} messages ({self._buffer.buffered_bytes} bytes) wait for "
                     f"their acknowledgement, and {n_bytes} bytes more do not fit; is the engine running? "
-                    "Send later, keep more, or say by on_drop that the oldest may go"
+                    "Send later, raise the limit, or pass on_drop to drop the oldest"
                 )
             oldest = self._buffer.oldest()
             self._buffer.forget(oldest)

@@ -1,6 +1,6 @@
 """TOML → typed, validated settings and pipelines, built for a site.
 
-An error says in which file, under which key, what was found and what is allowed.
+An error names the file, the key, the value found and what is allowed.
 """
 
 from tickfix.config.build import build_pipelines

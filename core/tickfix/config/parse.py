@@ -10,8 +10,7 @@ A pipeline names its stages; parameters stand beside the name::
 
 A list where a parameter takes one value is a sweep, and makes one pipeline of each value: with ``k = [3, 5]`` and
 ``particles = [100, 500]`` there are ``fusion[k=3, particles=100]``, ``fusion[k=3, particles=500]`` and so on. A
-parameter
-that itself is a list is swept by a list of lists."""
+parameter that itself is a list is swept by a list of lists."""
 
 from __future__ import annotations
 
@@ -120,7 +119,7 @@ def _is_swept(kind: str, table: Mapping[str, Any], key: str, values: Any, regist
 
 
 def _is_list(hint: Any) -> bool:
-    """Tell whether a parameter's type is a list, or may be one."""
+    """Return whether a parameter's type is a list, or may be one."""
     origin = typing.get_origin(hint)
     return origin in (tuple, list) or hint in (tuple, list) or any(_is_list(arg) for arg in typing.get_args(hint))
 

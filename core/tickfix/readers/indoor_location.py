@@ -31,7 +31,7 @@ _BELOW: Final = re.compile(r"(\d+)B", re.IGNORECASE)
 
 
 def level_from_name(name: str) -> int:
-    """Return the storey that a floor's name tells: F1, 1F, L1 → 1; B1, 1B → −1; 0 where it tells none."""
+    """Return the storey in a floor's name: F1, 1F, L1 → 1; B1, 1B → −1; 0 if there is none."""
     if match := _LEVEL.fullmatch(name):
         return -int(match["number"]) if match["below"] else int(match["number"])
     match = _BELOW.fullmatch(name)

@@ -34,7 +34,7 @@ def parse_numbers(columns: Sequence[bytes]) -> tuple[float, ...]:
         raise BadValueError("not a number") from None
     if not all(map(isfinite, values)):
         raise BadValueError("non-finite number")
-    if b"_" in b"".join(columns):  # Python reads 1_0 as 10, nobody who writes such files does
+    if b"_" in b"".join(columns):  # Python reads 1_0 as 10, writers of such files never do
         raise BadValueError("not a number")
     return values
 

@@ -43,7 +43,7 @@ _CHUNK: Final = 1024
 
 
 def read_bytes(path: Path, limit: int | None = None) -> tuple[bytes, str]:
-    """Return what ``path`` holds, decompressed where its content (not its name) says that it is gzipped.
+    """Return what ``path`` holds, decompressed if its content (not its name) is gzipped.
 
     Args:
         path: the file.

@@ -49,7 +49,7 @@ class ScanLocator:
         if scan.source not in self._fingerprint.window.sources:
             return None
         device = self._devices.pop(scan.device, None) or _DeviceState()
-        if scan.t_ns < device.newest_ns - _CLOCK_RESTART_NS:  # its clock started anew
+        if scan.t_ns < device.newest_ns - _CLOCK_RESTART_NS:  # its clock restarted
             device = _DeviceState()
         self._devices[scan.device] = device
         if len(self._devices) > _MAX_DEVICES:
@@ -72,13 +72,13 @@ class FixService:
         follow: address of the engine's follow port.
         to: the engine's sensors port.
         keys: for both.
-        log: told, in a sentence, what an operator must know.
+        log: called with messages for the operator.
     """
 
     def __init__(
         self, stage: Stage, follow: str, to: str, *, keys: Keys | None = None, log: Callable[[str], None]
     ) -> None:
-        """Connect; that nobody is there yet is no error."""
+        """Connect; the engine need not be running yet."""
         self._locator = ScanLocator(stage)
         self._label = stage.label
         self._to = to
@@ -94,7 +94,7 @@ class FixService:
         self.counts: Counter[str] = Counter()
 
     def serve(self) -> None:
-        """Run until told to stop."""
+        """Run until stopped."""
         try:
             while not self._stopping:
                 if self._socket.poll(_IDLE_MS):

@@ -63,8 +63,8 @@ def send_recordings(
         address: the engine's sensors port.
         speed: times faster than they were logged; 0 as fast as the engine takes them.
         truth: send waypoints, too; no tracker sees them.
-        skip_bye: do not say goodbye at the end of a walk.
-        progress: told how many messages of how many were sent.
+        skip_bye: do not send ``bye`` at the end of a walk.
+        progress: called with the number of messages sent and their total.
 
     Raises:
         ClientError: for an address that cannot be.
@@ -105,7 +105,7 @@ def _play(
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> None:
-    """Send every event when its turn comes; the first of each device comes at once."""
+    """Send every event when its turn comes; the first of each device without delay."""
     total, began = sum(map(len, events.values())), clock()
     first = {device: queue[0].arrival_ns for device, queue in events.items() if queue}
     pace = 1e-9 / speed if speed > 0 else 0.0
@@ -134,7 +134,7 @@ def _play(
 
 
 def _finish(sensor: Sensor, clock: Callable[[], float], *, skip_bye: bool) -> None:
-    """Wait until all was acknowledged, and say goodbye; give up when nothing was acknowledged for a long time."""
+    """Wait until all was acknowledged, then send ``bye``; stop when nothing is acknowledged for a long time."""
     until_s, waiting = clock() + _ACK_TIMEOUT_S, sensor.unacknowledged
     while not (sensor.flush(_POLL_S) if skip_bye else sensor.bye(_POLL_S)) and clock() < until_s:
         sensor.handshake.raise_if_denied()

@@ -101,7 +101,7 @@ def declare_floor(
         name: unique within the building.
         outline: ring (n, 2), metres, south-west corner of the drawing at the origin.
         walls: pieces (m, 2, 2) each, as :func:`wall` makes them.
-        obstacles: rings (n, 2) nobody walks through.
+        obstacles: rings (n, 2) that one cannot walk through.
         level: number of the storey.
     """
     return Floor(

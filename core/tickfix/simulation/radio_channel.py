@@ -164,7 +164,7 @@ class Receiver:
         miss: chance of not hearing one however near: beacons collide.
         step_dbm: readings are multiples of this; 0 leaves them as they are.
         scan_s: shortest and longest scan.
-        delivery_s: shortest and longest time from the last reading to the app's being told.
+        delivery_s: shortest and longest time from the last reading to its delivery to the app.
         pause_s: shortest and longest time from the end of a scan to the beginning of the next.
         stale_s: an access point not heard is reported with its last reading until that is so old; 0 for honest scans.
     """
@@ -196,7 +196,7 @@ class SimulatedScan:
 
     Attributes:
         begin_s, end_s: when the phone began and ended to listen.
-        delivered_s: when it told.
+        delivered_s: when the scan was delivered.
         access_point: (n,) int64, numbers of the access points.
         rssi_dbm: (n,) float64.
         heard_s: (n,) float64; before ``begin_s`` for what it repeats.

@@ -26,7 +26,7 @@ _COMFORT_M = 0.5
 _DISCOMFORT = 1.5
 """… by up to this factor, less one."""
 _SHORTCUT_CELLS = 60
-"""How many cells of a way are looked over for a short cut at once."""
+"""How many cells of a route are searched for a short cut in one go."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +70,7 @@ class WalkableGrid:
         return self._shorten(np.array(cells[::-1]))
 
     def covers(self, ways: Floats) -> Bools:
-        """Tell of each polyline (m, k, 2) whether it keeps the margin: (m,)."""
+        """Return for each polyline (m, k, 2) whether it keeps the margin: (m,)."""
         free: Bools = shapely.covers(self.region, shapely.linestrings(ways))
         return free
 
@@ -157,7 +157,7 @@ def _graph(index: Ints, clearance_m: Floats, xy: Floats, region: Any, cell_m: fl
         ends.append(b)
         weights.append(cell_m * np.hypot(dx, dy) * (discomfort[a] + discomfort[b]) / 2.0)
     a, b, weight = np.concatenate(starts), np.concatenate(ends), np.concatenate(weights)
-    # Only a step along the rim can leave the region: round the end of a wall, say.
+    # Only a step along the rim can leave the region: for example round the end of a wall.
     clearance, middle = clearance_m[index >= 0], xy[index >= 0]
     rim = np.flatnonzero((clearance[a] < 2.0 * cell_m) & (clearance[b] < 2.0 * cell_m))
     keep = np.ones(len(a), dtype=bool)
@@ -280,7 +280,7 @@ def _targets(grid: WalkableGrid, spacing_m: float) -> Ints:
 
 
 def _visited(places: Floats, path: Floats, within_m: float, walls: Floats) -> Bools:
-    """Tell which places (n, 2) were seen from the way within some distance: (n,)."""
+    """Return which places (n, 2) were seen from the way within some distance: (n,)."""
     along = _resampled(path, 0.5)
     apart = np.hypot(*(places[:, None] - along[None]).transpose(2, 0, 1))
     nearest = along[apart.argmin(axis=1)]

@@ -20,7 +20,7 @@ from tickfix.simulation.radio_channel import Receiver, SimulatedScan, simulate_s
 from tickfix.simulation.routes import Route
 
 START_NS: Final = 1_700_000_000_000_000_000
-"""When simulated recordings begin, unless told otherwise."""
+"""Default start of simulated recordings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,8 +2,8 @@
 
 Arrays as ``.npz`` without pickles (radio map, survey tracks, models; equal arrays give equal bytes), and floor plans as
 GeoJSON in metres. Every GeoJSON feature has a property ``role``: the polygons of ``outline`` bound the floor (a
-``hole`` is cut out of it), nobody walks through the polygons of ``obstacle`` or the lines of ``wall``; other roles are
-ignored. Coordinates are metres in the floor's frame, x east, y north.
+``hole`` is cut out of it), one cannot walk through the polygons of ``obstacle`` or the lines of ``wall``; other roles
+are ignored. Coordinates are metres in the floor's frame, x east, y north.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def load_radio_map(path: Path) -> RadioMap:
 
 
 def save_survey_tracks(path: Path, tracks: tuple[SurveyTrack, ...]) -> None:
-    """Write the tracks one after the other; ``start`` says where in ``t_ns`` and ``xy`` each begins."""
+    """Write the tracks one after the other; ``start`` is where in ``t_ns`` and ``xy`` each begins."""
     lengths = np.array([len(track.t_ns) for track in tracks], dtype=np.int64)
     arrays: dict[str, NDArray[Any]] = {
         "walk": _string_array(track.walk for track in tracks),
@@ -228,6 +228,6 @@ def _feature(role: str, kind: str, coordinates: Any) -> dict[str, Any]:
 
 
 def _is_hole(i: int, rings: tuple[Floats, ...]) -> bool:
-    """Tell whether ring ``i`` lies within an odd number of the others; only the label in the file depends on it."""
+    """Return whether ring ``i`` lies within an odd number of the others; only the label in the file depends on it."""
     point = shapely.Polygon(rings[i]).representative_point()
     return sum(bool(shapely.Polygon(ring).covers(point)) for j, ring in enumerate(rings) if j != i) % 2 == 1

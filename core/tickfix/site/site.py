@@ -218,7 +218,7 @@ def load_manifest(folder: Path) -> SiteManifest:
 
 
 def is_site(folder: Path) -> bool:
-    """Tell whether ``folder`` is a site of any format."""
+    """Return whether ``folder`` is a site of any format."""
     try:
         msgspec.json.decode((folder / MANIFEST_FILE).read_bytes(), type=_FormatHeader)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError):

@@ -50,7 +50,7 @@ class Leg:
     xy: Floats
 
     def covers(self, t_ns: Ints) -> Bools:
-        """Tell which times (k,) lie between the first and the last waypoint, both included."""
+        """Return which times (k,) lie between the first and the last waypoint, both included."""
         return np.asarray((t_ns >= self.t_ns[0]) & (t_ns <= self.t_ns[-1]))
 
     def at(self, t_ns: Ints) -> Floats:
@@ -120,7 +120,7 @@ def assign_chains(recordings: Iterable[Recording]) -> dict[str, str]:
 
 
 def is_held_out(chain: str, holdout: float) -> bool:
-    """Tell whether the chain whose first walk is called ``chain`` is held out, of a share ``holdout`` in [0, 1].
+    """Return whether the chain whose first walk is called ``chain`` is held out, of a share ``holdout`` in [0, 1].
 
     Raises:
         SiteError: when the share is none.

@@ -2,15 +2,14 @@
 
 ::
 
-    from tickfix.testing import FilterContract
-    from my_package import MyFilter
+    from tickfix.testing import FilterContract from my_package import MyFilter
 
 
     class TestMyFilter(FilterContract):
         algorithm = MyFilter
 
-Every check is a test method whose message says what was found and what to mend. The world that they use
-(:mod:`tickfix.testing.world`) is there for your own tests too.
+Every check is a test method whose message names what was found and what to change. The world that they use
+(:mod:`tickfix.testing.world`) is available to your own tests too.
 """
 
 from tickfix.testing.contract import AlgorithmContract, ContractError

@@ -83,7 +83,7 @@ T = TypeVar("T")
 
 
 class ContractError(AssertionError):
-    """A check that failed; its text says what was found and what to mend."""
+    """A check that failed; its text names what was found and what to change."""
 
 
 def require(condition: object, message: str) -> None:
@@ -106,7 +106,7 @@ def require_step_pair(returned: Any, kind: type[T]) -> tuple[Any, T]:
 
 @contextmanager
 def as_contract_error(what: str) -> Iterator[None]:
-    """Say during which call something was raised."""
+    """Raise any error as a ContractError that names the call."""
     try:
         yield
     except ContractError:
@@ -125,7 +125,7 @@ def as_contract_error(what: str) -> Iterator[None]:
 
 @contextmanager
 def pure_call(what: str) -> Iterator[None]:
-    """As :func:`told`, in a room without clocks and dice."""
+    """As :func:`as_contract_error`; clocks, threads and global random generators raise inside it."""
     before = np.random.get_state()[1].tobytes()  # type: ignore[index]  # noqa: NPY002 - the very thing
     with as_contract_error(what), forbid_outside_calls():
         yield
@@ -200,7 +200,7 @@ class AlgorithmContract:
         )
 
     def test_every_preset_builds_an_algorithm(self) -> None:
-        """A preset names parameters that exist, with values that they allow, and says where they come from."""
+        """A preset names parameters that exist, with values that they allow, and names their source."""
         for name, preset in self.algorithm.presets.items():
             where = f"preset '{name}' of {self.algorithm.__name__}"
             require(preset.source, f"{where} has no source. Say which paper or table its values come from")
@@ -291,7 +291,7 @@ class StateContract(AlgorithmContract):
             )
 
     def test_states_hold_no_nan(self) -> None:
-        """The kernel refuses such a state, and the estimate says that the stage failed."""
+        """The kernel rejects such a state, and the estimate has status ``failed``."""
         for n, state in enumerate(self.states()):
             require(
                 not has_nan(state), f"the state after {n} steps holds NaN. Guard the division or root it comes from"

@@ -21,7 +21,7 @@ def device_inputs(ticks: int) -> list[list[TickInput]]:
     """Return what each device is given, tick by tick.
 
     They walk elsewhere and from another moment on; one has no compass, one no motion now and then, one stands, one has
-    no fixes, one several at once, and one climbs the stairs.
+    no fixes, one several in one tick, and one climbs the stairs.
     """
     walks = []
     for d in range(N_DEVICES):
@@ -47,14 +47,14 @@ def _tick_input(d: int, tick: world.WalkTick) -> TickInput:
 def groupings() -> Iterator[tuple[str, list[list[int]]]]:
     """Yield ways in which the devices may be asked for, and what to call each."""
     every = list(range(N_DEVICES))
-    yield "all at once", [every]
-    yield "all at once, in another order", [every[::-1]]
+    yield "all together", [every]
+    yield "all together, in another order", [every[::-1]]
     yield "each in a batch of its own", [[d] for d in every]
     yield "in batches of three", [every[4:], every[1:4], every[:1]]
 
 
 def check_step_many(algorithm: Any, ticks: int) -> None:
-    """Fail unless ``step_many`` and ``estimate_many`` say what ``step`` and ``estimate`` say, to the bit."""
+    """Fail unless ``step_many`` and ``estimate_many`` return what ``step`` and ``estimate`` return, to the bit."""
     walks = device_inputs(ticks)
     fixes = [world.first_fix((0.5 * d, 0.25 * d)) for d in range(N_DEVICES)]
     states = [algorithm.start(Prior(t_ns=fix.t_ns, fix=fix), _rng(d, 0)) for d, fix in enumerate(fixes)]
@@ -107,7 +107,7 @@ def _packed(value: Any) -> bytes:
 
 
 def _require_same_bits(method: str, what: str, found: Any, expected: Any, where: str) -> None:
-    """Fail unless two values have the same bits, and say which of their fields have not."""
+    """Fail unless two values have the same bits, naming the fields that differ."""
     same_type = type(found) is type(expected)
     fields = [f.name for f in dataclasses.fields(expected)] if same_type else []
     differ = [name for name in fields if _packed(getattr(found, name)) != _packed(getattr(expected, name))]

@@ -144,7 +144,7 @@ class FilterPurityChecks(FilterChecks):
             require(pack(state) == before, "estimate changed the state it was given")
 
     def test_estimate_says_the_same_twice(self) -> None:
-        """It tells what the state means: it draws nothing and learns nothing."""
+        """``estimate`` is a pure function of the state: it draws nothing and learns nothing."""
         algorithm = self.make()
         for state, _ in self._pairs(algorithm, 30):
             first, second = (self._estimate(algorithm, state) for _ in range(2))
@@ -167,7 +167,7 @@ class FilterPurityChecks(FilterChecks):
         require(one == two, "two instances with the same random streams disagree. Draw from the rng given only")
 
     def test_many_devices_at_once_are_each_as_if_alone(self) -> None:
-        """Asked only of a filter that offers ``step_many``: whoever is asked for with whom changes no bits."""
+        """Only for a filter with ``step_many``: the grouping of devices changes no bits."""
         offered = [name for name in ("step_many", "estimate_many") if hasattr(self.algorithm, name)]
         if not offered:
             return
@@ -180,14 +180,14 @@ class FilterRobustnessChecks(FilterChecks):
     """Checks that the belief stays one, whatever comes."""
 
     def test_it_survives_ticks_without_motion(self) -> None:
-        """Sensors may be silent for minutes: then motion says that nobody knows."""
+        """Sensors may deliver nothing for minutes: then motion is unknown."""
         self._survives(
             dataclasses.replace(tick, motion=Motion.unknown(tick.motion.t0_ns, tick.motion.t1_ns))
             for tick in world.walk(100)
         )
 
     def test_it_survives_motion_without_heading(self) -> None:
-        """A phone without compass tells only how it turned."""
+        """A phone without compass measures only how it turned."""
         self._survives(world.walk(100, compass=False))
 
     def test_it_survives_headings_that_come_and_go(self) -> None:
@@ -260,7 +260,7 @@ class FilterRobustnessChecks(FilterChecks):
         )
 
     def test_it_survives_a_wild_motion(self) -> None:
-        """A broken sensor may say a hundred metres in a tick, or that anything is possible."""
+        """A broken sensor may report a hundred metres in a tick, or an unbounded uncertainty."""
 
         def motions() -> Iterator[WalkTick]:
             for tick in world.walk(60):
@@ -413,7 +413,7 @@ class FilterContract(FilterPurityChecks, FilterRobustnessChecks, FilterKernelChe
             self._check_belief(belief, f"with maps, after tick {tick.number}")
 
     def test_reports_count_each_observation_at_most_once(self) -> None:
-        """``used`` tells that the belief was corrected, ``gated`` that an observation was refused."""
+        """``used`` counts observations that corrected the belief, ``gated`` those that were rejected."""
         algorithm = self.make()
         for state, tick in self._pairs(algorithm, 60):
             _, report = self._step(algorithm, state, tick)

@@ -172,7 +172,7 @@ class MapContract(AlgorithmContract):
         require(first == second == other, "the same question got two answers")
 
     def test_each_place_is_judged_by_itself(self) -> None:
-        """Filters ask for many devices at once: what else is asked may change no answer, not even by a bit."""
+        """Filters call maps for many devices together: other rows may not change a result, not even by a bit."""
         for floor in _test_floors():
             mapped, a = self._map(floor), _random_points(300, 16)
             b = frozen(a + world.rng(20, 17).normal(0.0, 0.5, a.shape))
@@ -183,7 +183,7 @@ class MapContract(AlgorithmContract):
                     ("contains", "crosses", "nearest_free"), all_at_once, by_itself, strict=True
                 ):
                     same = one[some].tobytes() == other.tobytes()
-                    require(same, f"on {floor.name}: {name} says otherwise of {len(other)} places than among 300")
+                    require(same, f"on {floor.name}: {name} differs for {len(other)} places alone and among 300")
 
     def _map(self, floor: Floor) -> Any:
         return self.make(dataclasses.replace(world.context(), floor=floor))
@@ -206,7 +206,7 @@ def _random_points(n: int, key: int) -> Floats:
 
 
 def _near_their_ends(plain: ReferenceMap, a: Floats, b: Floats, tolerance_m: float) -> Any:
-    """Tell which moves meet lines so close to their ends that a raster may miss it."""
+    """Return which moves meet lines so close to their ends that a raster may miss it."""
     ends = np.minimum(plain.distance_m(a, a), plain.distance_m(b, b))
     return ends <= 2.0 * tolerance_m
 

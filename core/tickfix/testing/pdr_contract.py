@@ -20,7 +20,7 @@ class PdrContract(StateContract):
     """Checks of a dead-reckoning algorithm: ``class TestMine(PdrContract): algorithm = Mine``.
 
     Set in the subclass, where it does not fit:
-        scale: the distance of a walk at 1.2 m/s is right within this factor either way; None: it tells no distance.
+        scale: the distance of a walk at 1.2 m/s is right within this factor either way; None: it measures no distance.
     """
 
     scale: float | None = 2.5

@@ -92,11 +92,11 @@ class OpenMap:
     """A map of nothing: one can stand and walk everywhere."""
 
     def contains(self, xy: Floats) -> Bools:
-        """Tell that one can stand there."""
+        """Return True for every point: one can stand anywhere."""
         return np.ones(len(xy), dtype=np.bool_)
 
     def crosses(self, a: Floats, b: Floats) -> Bools:  # noqa: ARG002
-        """Tell that nothing is in the way."""
+        """Return False for every move: nothing is in the way."""
         return np.zeros(len(a), dtype=np.bool_)
 
     def nearest_free(self, xy: Floats) -> Floats:
@@ -113,7 +113,7 @@ class ReferenceMap:
 
     Attributes:
         area: where one can stand, None where that has no bounds.
-        lines: everything nobody passes.
+        lines: everything that blocks a move.
     """
 
     def __init__(self, floor: Floor) -> None:
@@ -130,13 +130,13 @@ class ReferenceMap:
             self.area = self.area.difference(shapely.union_all(obstacles))
 
     def contains(self, xy: Floats) -> Bools:
-        """Tell for each point whether it lies inside."""
+        """Return for each point whether it lies inside."""
         if self.area is None:
             return np.ones(len(xy), dtype=np.bool_)
         return np.array([self.area.contains(shapely.Point(p)) for p in xy], dtype=np.bool_)
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
-        """Tell for each move whether it meets a line."""
+        """Return for each move whether it meets a line."""
         return np.array([self._way(p, q).intersects(self.lines) for p, q in zip(a, b, strict=True)], dtype=np.bool_)
 
     def distance_m(self, a: Floats, b: Floats) -> Floats:

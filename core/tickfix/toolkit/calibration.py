@@ -38,7 +38,7 @@ def calibrate(untrained: Pdr, survey: Survey) -> TrainedModel:
 
 
 def samples_between(motion: MotionSamples, t0_ns: int, t1_ns: int) -> MotionSamples:
-    """Return the samples of (``t0_ns``, ``t1_ns``], as a tick hands them over: without the sensors that are silent."""
+    """Return the samples of (``t0_ns``, ``t1_ns``], as a tick delivers them: sensors without samples are absent."""
     sensors = {}
     for name, samples in motion.sensors.items():
         a, b = np.searchsorted(samples.t_ns, [t0_ns, t1_ns], side="right")

@@ -46,14 +46,14 @@ _FIXES_TO_CHANGE_FLOOR: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class FloorHysteresis:
-    """The floor believed in, and how often in a row another one was observed."""
+    """The current floor, and how often in a row another one was observed."""
 
     floor: str
     candidate: str = ""
     candidate_fixes: int = 0
 
     def observe(self, floor: str) -> FloorHysteresis:
-        """Return what to believe after a fix on ``floor``."""
+        """Return the hysteresis after a fix on ``floor``; three in a row on another floor change it."""
         if floor == self.floor:
             return FloorHysteresis(self.floor)
         candidate_fixes = self.candidate_fixes + 1 if floor == self.candidate else 1

@@ -33,7 +33,7 @@ class HeadingState:
     """What is known of the direction.
 
     Attributes:
-        heading_rad: None as long as no sensor told one.
+        heading_rad: None until a sensor measured one.
         up: gravity's reaction in the device frame, smoothed, m/s²; zero before the first acceleration.
         gyroscope_ns: the last gyroscope sample's time, −1 before the first.
         compass_s: for how long the compass has been listened to.
@@ -47,7 +47,7 @@ class HeadingState:
 
 @dataclass(frozen=True, slots=True)
 class TickDirection:
-    """What a tick's samples say: mean direction (sin, cos) while it lasted, and how far it turned."""
+    """Mean direction (sin, cos) over a tick, and how far the phone turned in it."""
 
     sin: float
     cos: float
@@ -64,9 +64,8 @@ def update_heading(
         state: after the tick before.
         samples: of the tick.
         gyroscope_time_constant_s: time constant with which a gyroscope's yaw is pulled to the rotation vector; at
-            first, and with a
-            time constant longer than the walk, it is the mean since the walk began that pulls. 0: the rotation vector
-            is followed as it is.
+            first, and with a time constant longer than the walk, it is the mean since the walk began that pulls. 0: the
+            rotation vector is followed as it is.
     """
     dt = (samples.t1_ns - samples.t0_ns) * 1e-9
     up = update_gravity(state.up, samples.sensors.get("accelerometer"), dt)

@@ -1,6 +1,6 @@
 """Base of nearest-neighbour fingerprints.
 
-Representations of signal strengths, distances to all reference points at once, and the k nearest points of the radio
+Representations of signal strengths, distances to all reference points together, and the k nearest points of the radio
 map. Representations and similarities after [torres-sospedra2015] Torres-Sospedra et al., "Comprehensive analysis of
 distance and similarity measures for Wi-Fi fingerprinting indoor positioning systems", Expert Systems with Applications
 42 (2015), sections 3.1 and 3.2. What was not heard is zero in every representation, so the cost of a distance grows
@@ -164,7 +164,7 @@ class ReferencePoints:
 
 
 class NearestNeighbours(SurveyedFingerprint[P]):
-    """Base: the mean of the k nearest reference points; subclasses say what is near and how neighbours weigh."""
+    """Base: the mean of the k nearest reference points; subclasses define distance and weights."""
 
     def __init__(
         self, params: P, context: Context, trained: TrainedModel | None = None, sample_mask: Bools | None = None

@@ -1,5 +1,5 @@
 """Particle sets: weights in log space, effective sample size, resampling, spatial median, and normal noise for many
-sets at once. Sets of N particles may stand side by side, in the last axis; each gives the same bits as if computed
+sets in one call. Sets of N particles may stand side by side, in the last axis; each gives the same bits as if computed
 on its own. Sources: [arulampalam2002] Arulampalam et al., "A tutorial on particle filters for online nonlinear/non-
 Gaussian Bayesian tracking", IEEE Trans. Signal Processing 50 (2002); [box1958] Box and Muller, "A note on the
 generation of random normal deviates", Ann. Math. Statist. 29 (1958).

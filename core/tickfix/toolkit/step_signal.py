@@ -161,7 +161,7 @@ def detect_steps(
 
 @dataclass(frozen=True)
 class StepErrorParams:
-    """By how much steps are wrong: what every dead reckoning that counts them says of itself."""
+    """Errors of steps, shared by all dead reckoning that counts steps."""
 
     length_sigma: Annotated[float, parameter("relative error of a single step's length", ge=0)] = 0.1
     scale_sigma: Annotated[float, parameter("relative error that stays for the walk", ge=0)] = 0.12
@@ -186,16 +186,15 @@ def motion_from_steps(
     """Return a tick's motion.
 
     Args:
-        samples: of the tick; without an accelerometer nobody knows whether steps were made, up to a metre a second.
+        samples: of the tick; without an accelerometer the distance is uncertain by a metre a second.
         lengths_m: of the steps completed in it.
         params: errors of a step.
         heading_rad: direction of walking at the end of the tick, None without compass.
         turn_rad: since the last tick.
-        stationary: no step was made for so long that the person stands; only believed with an accelerometer.
+        stationary: no step for so long that the person stands; ignored without an accelerometer.
         travelled_before_m: travelled before the tick.
-        heading_bias_random_walk_rad: by which the heading's bias changes with a step, where the sensors at hand tell
-            better than
-            ``params``.
+        heading_bias_random_walk_rad: change of the heading's bias per step, if the sensors present allow a better value
+            than ``params``.
     """
     measured = "accelerometer" in samples.sensors
     distance_m = sum(lengths_m)

@@ -84,7 +84,7 @@ P = TypeVar("P", bound=SurveyedParams)
 
 
 class SurveyedFingerprint(StatelessFingerprint[P]):
-    """Base: subclasses say what is nearest in signal space; what a fix is worth is learnt from the survey's walks."""
+    """Base: subclasses find the nearest points in signal space; errors of fixes are learnt from the survey."""
 
     def __init__(
         self, params: P, context: Context, trained: TrainedModel | None = None, sample_mask: Bools | None = None
@@ -148,8 +148,8 @@ class SurveyedFingerprint(StatelessFingerprint[P]):
     def train(cls, params: P, survey: Survey, rng: Rng) -> TrainedModel:
         """Learn the method's own model, and two things of a fix: which instant it describes, and how far off it is.
 
-        Chains of walks are dealt to folds, and each fold's scans are located with the samples of the others only; so
-        places that no other walk came near teach what a fix is worth where nobody surveyed.
+        Chains of walks are assigned to folds, and each fold's scans are located with the samples of the others only; so
+        places that no other walk came near show the error of fixes outside the survey.
         """
         all_samples = np.ones(len(survey.radio_map.sample_point), np.bool_)
         model = cls.fit_model(params, survey.radio_map, all_samples, rng)
@@ -189,11 +189,11 @@ class SurveyedFingerprint(StatelessFingerprint[P]):
 
 
 def estimate_lead_s(distances: Floats, errors_m: Floats, velocities_mps: Floats) -> float:
-    """Return how much later than its scan the instant is that a fix usually describes, seconds; often not nought.
+    """Return the typical time from a scan to the instant that its fix describes, seconds; often not zero.
 
     Phones date readings early or late, report old ones again, and surveyors tap late: what of all this does not cancel
-    between survey and use shows as an error along the way, e = τ·v. The better half of the fixes is asked, by least
-    squares: τ = Σ e·v / Σ v·v. Beyond two seconds nothing is believed.
+    between survey and use shows as an error along the direction of walking, e = τ·v. It is estimated from the better
+    half of the fixes by least squares, τ = Σ e·v / Σ v·v, and limited to two seconds.
 
     Args:
         distances: (n,) of the nearest neighbour in signal space.

@@ -22,7 +22,7 @@ _CANDIDATES_PER_SAMPLE: Final = 8  # places drawn for each particle, to find one
 
 
 def outside_walkable(floor_map: FloorMap | None, before: Floats, xy: Floats, *, walls: bool) -> Bools:
-    """Tell which of N particles have left the region: (N,) bool; none where there is no map.
+    """Return which of N particles have left the region: (N,) bool; none where there is no map.
 
     Args:
         floor_map: of the floor.

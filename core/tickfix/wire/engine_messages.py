@@ -25,7 +25,7 @@ class WelcomeReply(Struct, tag_field="type", tag="welcome", kw_only=True, frozen
     """Answers a ``hello``.
 
     Attributes:
-        run: id of the engine's run; a new one means that the engine began anew.
+        run: id of the engine's run; a new one means that the engine restarted.
         site: name of the site.
         limits: what a message may hold at most, see :class:`~tickfix.wire.sensor_messages.MessageLimits`.
     """
@@ -147,7 +147,7 @@ class FollowEnvelope(Struct, kw_only=True, frozen=True):
 
 
 class HeartbeatMessage(Struct, tag_field="type", tag="heartbeat", kw_only=True, frozen=True):
-    """Says that the engine is alive.
+    """Sent periodically while the engine is alive.
 
     Attributes:
         run: id of the engine's run.
@@ -196,7 +196,7 @@ def encode_engine_message(answer: EngineMessage) -> bytes:
 
 
 def error_reply(error: WireError, data: bytes = b"") -> ErrorReply:
-    """Return the message that tells a peer of ``error``; it names the message ``data`` as far as that could be read."""
+    """Return the reply that reports ``error`` to a peer; it names the message ``data`` as far as that could be read."""
     try:
         head = decode_scalar_fields(data)
     except WireError:
@@ -245,7 +245,7 @@ class DropScan(msgspec.Struct, tag_field="type", tag="drop", kw_only=True, froze
 class RunDevice(msgspec.Struct, tag_field="type", tag="run", kw_only=True, frozen=True):
     """What is due for a device is folded; ``tick`` closes the ticks up to it though the data has not passed them.
 
-    At most ``most`` ticks are closed, where it is told.
+    At most ``most`` ticks are closed, unless it is None.
     """
 
     device: str
@@ -254,7 +254,7 @@ class RunDevice(msgspec.Struct, tag_field="type", tag="run", kw_only=True, froze
 
 
 class FinishDevice(msgspec.Struct, tag_field="type", tag="finish", kw_only=True, frozen=True):
-    """Nothing more is expected of a device: it said so, or was silent for too long."""
+    """No more data is expected of a device: it sent ``bye``, or nothing for too long."""
 
     device: str
     reason: str

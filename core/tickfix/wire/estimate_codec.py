@@ -111,7 +111,7 @@ class BeliefMessage(Struct, kw_only=True, frozen=True):
 
 
 class EstimateMessage(Struct, tag_field="type", tag="estimate", kw_only=True, frozen=True):
-    """What a pipeline says about a device at a tick.
+    """The result of a pipeline for a device at a tick.
 
     Attributes:
         v: protocol version.

@@ -201,13 +201,13 @@ def event_to_message(event: Event, *, ack: bool = False) -> bytes:
 
 
 def message_to_event(message: DeviceMessage, arrival_ns: int) -> Event:
-    """Return the event that a message tells, arrived at ``arrival_ns`` (wall clock, ns).
+    """Return the event in a message, arrived at ``arrival_ns`` (wall clock, ns).
 
     Sensors of a name unknown here are left out, as unknown fields are; see :func:`unknown_sensors`.
 
     Raises:
         WireError: where arrays do not fit together, or nothing of the message is known.
-        TypeError: for a ``hello`` or ``bye``, which tell no event.
+        TypeError: for a ``hello`` or ``bye``, which contain no event.
     """
     try:
         return _build_event(message, arrival_ns)
@@ -217,7 +217,7 @@ def message_to_event(message: DeviceMessage, arrival_ns: int) -> Event:
 
 
 def check_received_event(event: Event) -> None:
-    """Refuse what a device sent when nothing can be made of it: its time is none, or its truth is nowhere.
+    """Reject an event that cannot be used: without a valid time, or truth without a position.
 
     Of arrays of times a single one that is right is enough; the kernel leaves the others out and counts them.
 
@@ -271,7 +271,7 @@ def _build_event(message: DeviceMessage, arrival_ns: int) -> Event:
         case sensor_messages.TruthMessage():
             xy = decode_floats("xy", message.xy, 2)
             return api.Truth(t_ns=message.t_ns, floor=message.floor, xy=xy, **_common_fields(message, arrival_ns))
-    raise TypeError(f"a {type(message).__name__.lower()} tells no event")
+    raise TypeError(f"a {type(message).__name__.lower()} contains no event")
 
 
 def _build_motion(
@@ -329,7 +329,7 @@ def _common_fields(message: EventMessage, arrival_ns: int) -> dict[str, Any]:
 
 
 def _message_fields(event: Event) -> dict[str, Any]:
-    """Return what a device says of an event."""
+    """Return the message that a device would send for an event."""
     fields: dict[str, Any] = {"v": VERSION, "device": event.device, "session": event.session, "seq": int(event.seq)}
     match event:
         case MotionSamples():

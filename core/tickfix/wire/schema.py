@@ -1,8 +1,9 @@
-"""The protocol as JSON Schema, made of the types themselves::
+"""The protocol as JSON Schema, generated from the types::
 
     python -m tickfix.wire.schema > docs/wire-schema.json
 
-What JSON cannot say: ``contentEncoding: base64`` stands for MessagePack's ``bin``, and NaN and infinities are numbers.
+What JSON cannot express: ``contentEncoding: base64`` stands for MessagePack's ``bin``, and NaN and infinities are
+numbers.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def build_schema() -> dict[str, Any]:
 
 
 def _add_time_bounds(schema: Any) -> None:
-    """Say within which limits a device's times are used."""
+    """Add the range within which a device's times are used."""
     if isinstance(schema, dict):
         if schema.pop(TIME_MARKER, False):
             schema.update(minimum=0, maximum=LATEST_NS)
@@ -84,7 +85,7 @@ def _add_time_bounds(schema: Any) -> None:
 
 
 def _docstring_fields(kind: type[msgspec.Struct]) -> tuple[str, dict[str, str]]:
-    """Return the first line of a type's docstring, and what it and its bases say of each attribute."""
+    """Return the first line of a type's docstring, and the descriptions of its attributes, bases included."""
     descriptions: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         name, text = (), ""

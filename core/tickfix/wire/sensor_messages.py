@@ -1,9 +1,8 @@
 """Messages that a device sends, as msgspec types, and the limits on their size.
 
 Every message is a MessagePack map with its ``type`` and the protocol version ``v``. Arrays of times and values are
-lists,
-or, cheaper, ``bin`` of little-endian int64 or float64 in row-major order. Unknown fields are skipped without being
-built. ``docs/wire-protocol.md`` is the manual; ``docs/wire-schema.json`` is generated from these types."""
+lists, or, cheaper, ``bin`` of little-endian int64 or float64 in row-major order. Unknown fields are skipped without
+being built. ``docs/wire-protocol.md`` is the manual; ``docs/wire-schema.json`` is generated from these types."""
 
 from __future__ import annotations
 
@@ -13,12 +12,12 @@ from typing import Annotated, Final, TypeAlias
 from msgspec import Meta, Struct
 
 MAX_ARRAY_LENGTH: Final = 65_536
-"""No list of a message may be longer, whatever the limits say: arrays this long are refused before they are built."""
+"""No list of a message may be longer, whatever the limits are: arrays this long are refused before they are built."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageLimits:
-    """What a message may hold at most; told to a device in its ``welcome``.
+    """Upper limits of a message; sent to a device in its ``welcome``.
 
     Attributes:
         message_bytes: length of the message.
@@ -54,7 +53,7 @@ OLDEST_VERSION: Final = 1
 """The oldest version that is still understood."""
 
 TIME_MARKER: Final = "tickfix-time"
-"""Marks times in the schema, until it says from when to when they run."""
+"""Marks times in the schema, where their range is filled in."""
 
 Int64: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
 WireTime: TypeAlias = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1, extra_json_schema={TIME_MARKER: True})]
@@ -76,9 +75,9 @@ class SensorMessage(Struct, kw_only=True, frozen=True, tag_field="type"):
     Attributes:
         v: protocol version.
         device: name of the device.
-        session: changes whenever the device begins to count anew; empty for a device that does not count.
+        session: changes whenever the device restarts its numbers; empty for a device without numbers.
         seq: number of the message within its session, from 1; 0 is not counted and never taken for a duplicate.
-        ack: the device wants to be told what became of the message.
+        ack: the device requests an acknowledgement with the outcome of the message.
     """
 
     v: UInt63
@@ -107,7 +106,7 @@ class SensorSamples(Struct, kw_only=True, frozen=True):
 
     Attributes:
         t_ns: n times in ns, on the device's clock.
-        values: n rows, columns and units as :data:`tickfix.api.SENSORS` says.
+        values: n rows, columns and units as in :data:`tickfix.api.SENSORS`.
     """
 
     t_ns: TimeArray
@@ -119,7 +118,7 @@ class MotionMessage(SensorMessage, tag="motion", kw_only=True, frozen=True):
 
     Attributes:
         sensors: samples by sensor name.
-        arrival_ns, t0_ns, t1_ns: in the journal only; what a device says here is not looked at.
+        arrival_ns, t0_ns, t1_ns: in the journal only; ignored in messages of a device.
     """
 
     sensors: Annotated[dict[str, SensorSamples], Meta(max_length=64)]
@@ -135,7 +134,7 @@ class ScanMessage(SensorMessage, tag="scan", kw_only=True, frozen=True):
         transmitters: n ids.
         rssi_dbm: n received signal strengths in dBm.
         heard_ns: n times in ns, when each was heard.
-        t_ns: time of the scan; that of the newest reading where not told.
+        t_ns: time of the scan; by default that of the newest reading.
         source: ``wifi`` or ``ble``.
         arrival_ns: in the journal only.
     """
@@ -168,7 +167,7 @@ class FixMessage(SensorMessage, tag="fix", kw_only=True, frozen=True):
     Attributes:
         floor: name of the floor.
         xy: two numbers, metres in the floor's frame, x east and y north.
-        covariance: 2 × 2 in m²; 25 m² each way where not told.
+        covariance: 2 × 2 in m²; by default 25 m² per axis.
         t_ns: the instant the position describes, ns on the device's clock.
         source: what computed it.
         arrival_ns: in the journal only.

@@ -62,7 +62,7 @@ class WireError(TickfixError):
         self.outcome = outcome
 
     def __reduce__(self) -> tuple[type[WireError], tuple[str, str, str, ReplyOutcome]]:
-        """Say how to build it again, so that it can come back from another process."""
+        """Pickle by the constructor's arguments, so that a worker process can raise it in its parent."""
         return type(self), (self.field, self.found, self.expected, self.outcome)
 
 
@@ -76,7 +76,7 @@ _SCALAR_DECODER: Final = msgspec.msgpack.Decoder()
 
 
 def peek_scalar(raw: msgspec.Raw) -> object:
-    """Return a scalar, or an :class:`OpaqueValue` that says what else it is; containers are not built."""
+    """Return a scalar, or an :class:`OpaqueValue` that names its type; containers are not built."""
     first = bytes(memoryview(raw)[:1])[0]
     if 0x80 <= first <= 0x8F or first in {0xDE, 0xDF}:
         return OpaqueValue("a map")
@@ -120,7 +120,7 @@ def decode_checked(decoder: msgspec.msgpack.Decoder[DecodedT], data: bytes, map_
     """Return what ``decoder`` makes of ``data``; its refusals become :class:`WireErrorControlReply`.
 
     Args:
-        map_value_type: the type of the values, where a field is a map by name: the path of msgspec does not say which
+        map_value_type: the type of the values, where a field is a map by name: the path of msgspec does not name which
             it was.
 
     Raises:
@@ -217,7 +217,7 @@ def check_version(v: object) -> None:
     """Raise unless a peer's protocol version is understood.
 
     Raises:
-        WireError: with outcome ``unknown`` for a newer version, saying which is spoken here.
+        WireError: with outcome ``unknown`` for a newer version, naming the supported one.
     """
     if type(v) is not int or v < OLDEST_VERSION:
         raise WireError("v", short_repr(v), f"a protocol version from {OLDEST_VERSION} to {VERSION}")
@@ -227,7 +227,7 @@ def check_version(v: object) -> None:
 
 
 def _map_length(data: bytes) -> int:
-    """Return what the head of a MessagePack map says about its length, before anything is built."""
+    """Return the length in the head of a MessagePack map, before anything is built."""
     first = data[0] if data else 0
     if 0x80 <= first <= 0x8F:
         return first & 0x0F
@@ -259,7 +259,7 @@ def decode_times(field: str, value: bytes | list[int]) -> Ints:
 
 
 def decode_floats(field: str, value: bytes | list[float], length: int | None = None) -> Floats:
-    """Return (n,) float64, of ``length`` elements where told.
+    """Return (n,) float64, of ``length`` elements unless that is None.
 
     Raises:
         WireError: for another length, or ``bin`` that is no whole number of elements.

@@ -61,12 +61,12 @@ class DeadReckoning(PredictUpdateFilter[NoParams, DeadReckoningState]):
         )
 
     def update(self, state: DeadReckoningState, fix: Fix, rng: Rng) -> tuple[DeadReckoningState, Report]:  # noqa: ARG002
-        """Do nothing; only say how far off the fix is."""
+        """Leave the state as it is; report the distance to the fix only."""
         innovation_m = float(np.hypot(*(fix.xy - state.xy))) if fix.floor == state.floor else None
         return state, Report(innovation_m=innovation_m)
 
     def estimate(self, state: DeadReckoningState) -> Belief:
-        """Say where the steps have led."""
+        """Return the dead-reckoned position."""
         turned = np.array([state.net_displacement[1], -state.net_displacement[0]])
         covariance = state.start_covariance + state.white_covariance
         covariance = covariance + state.scale_sigma**2 * np.outer(state.net_displacement, state.net_displacement)

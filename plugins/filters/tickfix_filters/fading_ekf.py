@@ -95,7 +95,7 @@ class FadingParams:
         bool, parameter("drop a fix that fails the δS test; otherwise it counts, with λ = 1", source="[wang2015] 4.3")
     ] = False
     max_rejected_fixes: Annotated[
-        int, parameter("after so many fixes dropped in a row the next one counts", ge=1, formerly="patience")
+        int, parameter("after this many consecutive rejected fixes the next one is used", ge=1, formerly="patience")
     ] = 5
     fading: Annotated[
         FadingMethod,
@@ -111,7 +111,9 @@ class FadingParams:
         float, parameter("σ of s_e and of s_n over 2 s; their variance grows with time", unit="m", gt=0)
     ] = 0.5
     heading_sigma_rad: Annotated[float, parameter("σ of the heading", unit="rad", gt=0)] = 0.3
-    fix_sigma_m: Annotated[float, parameter("σ of N_wifi and of E_wifi; 0: as the fix says", unit="m", ge=0)] = 0.0
+    fix_sigma_m: Annotated[
+        float, parameter("σ of N_wifi and of E_wifi; 0: the covariance of the fix", unit="m", ge=0)
+    ] = 0.0
     min_heading_speed_mps: Annotated[
         float, parameter("slower than this the heading is left out", unit="m/s", gt=0, formerly="crawl_mps")
     ] = 0.3
@@ -136,7 +138,7 @@ def observation_model(
         t: seconds since the last fix.
         wifi: N_wifi and E_wifi (2,), and their noise (2, 2).
         odometry: (2,) s_n and s_e.
-        heading_rad: None where there is none; its row then says nothing.
+        heading_rad: None without a heading; its row is then ignored.
         params: the noises.
     """
     _, _, v_n, v_e = X
@@ -163,7 +165,7 @@ class FadingState:
 
     Attributes:
         X, P: [N, E, v_n, v_e] in m and m/s, at the last fix.
-        V: (5, 5), the residuals' covariance Σ_V̄; ``measured`` tells which of its rows were ever measured.
+        V: (5, 5), the residuals' covariance Σ_V̄; ``measured`` marks the rows that were ever measured.
         wifi: (2,) N and E of the last fix.
         odometry: (2,) N and E walked since, metres.
         since_fix_s: time since.
@@ -197,7 +199,7 @@ class FixCorrection:
 
     @property
     def report(self) -> Report:
-        """What a filter tells of it."""
+        """The correction as a report of the filter."""
         return Report(
             used=int(self.used),
             gated=int(not self.used),
@@ -366,7 +368,7 @@ class FadingEkf(PredictUpdateFilter[FadingEkfParams, FadingEkfState]):
         return FadingEkfState(hysteresis, ekf), correction.report
 
     def estimate(self, state: FadingEkfState) -> Belief:
-        """Say the place, dead reckoned since the last fix."""
+        """Return the position, dead reckoned since the last fix."""
         xy, covariance = extrapolate(state.ekf, self.params)
         speed_mps, heading_rad = speed_and_heading(state.ekf)
         return Belief(

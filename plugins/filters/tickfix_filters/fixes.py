@@ -1,8 +1,7 @@
 """Filter ``fixes``: where the last fix was. The Wi-Fi-only baseline of all three papers.
 
 With ``map_matching`` the pipeline's map corrects each fix, coming from the one before as it was corrected: the "+ Map"
-of
-[sun2013] Table 4.
+of [sun2013] Table 4.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ class Fixes(PredictUpdateFilter[FixesParams, LastFix]):
         return LastFix(fix.floor, xy, fix.covariance), Report(used=1, innovation_m=innovation_m)
 
     def estimate(self, state: LastFix) -> Belief:
-        """Say where the fix was."""
+        """Return the position of the last fix."""
         return Belief(
             floor=state.floor, xy=state.xy, covariance=state.covariance + 0.5 * state.possible_walk_m**2 * np.eye(2)
         )

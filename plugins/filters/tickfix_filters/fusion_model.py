@@ -38,14 +38,15 @@ class FusionPfParams(FixErrorParams):
     ] = 0.1
     use_motion_noise: Annotated[
         bool,
-        parameter(
-            "particles walk within what motion says of its errors; else all alike, eq. (16)", formerly="own_ways"
-        ),
+        parameter("particles move with the errors that motion reports; else all alike, eq. (16)", formerly="own_ways"),
     ] = True
     fix_sigma_m: Annotated[
         float,
         parameter(
-            "σ of an observed place, per axis; 0: as the fix says", unit="m", source="[jiang2015] eq. (18)", ge=0
+            "σ of an observed place, per axis; 0: the covariance of the fix",
+            unit="m",
+            source="[jiang2015] eq. (18)",
+            ge=0,
         ),
     ] = 0.0
     weight_without_fix: Annotated[
@@ -62,12 +63,12 @@ class FusionPfParams(FixErrorParams):
         float, parameter("share of its weight a particle keeps when it crosses a wall", gt=0, le=1)
     ] = 0.2
     outside_weight: Annotated[
-        float, parameter("share of its weight it keeps with each step where nobody can walk", gt=0, le=1)
+        float, parameter("share of its weight it keeps with each step outside the walkable area", gt=0, le=1)
     ] = 0.5
     wall_alignment: Annotated[
         float,
         parameter(
-            "share of ways that run along the nearest wall or straight away from it; 0: directions tell nothing",
+            "share of ways that run along the nearest wall or perpendicular to it; 0: directions carry no information",
             source="[borenstein2010]",
             ge=0,
             lt=1,
@@ -89,7 +90,7 @@ class FusionPfParams(FixErrorParams):
     injection_rate: Annotated[
         float,
         parameter(
-            "share of the particles that begin anew at a good fix",
+            "share of the particles that are reinitialised at a good fix",
             source="[lenser2000]",
             ge=0,
             lt=1,
@@ -103,7 +104,10 @@ class FusionPfParams(FixErrorParams):
     injection_sigma_m: Annotated[
         float,
         parameter(
-            "a fix with this σ is good; at a poorer one fewer begin anew", unit="m", gt=0, formerly="renewed_sigma_m"
+            "a fix with this σ is good; at a poorer one fewer are reinitialised",
+            unit="m",
+            gt=0,
+            formerly="renewed_sigma_m",
         ),
     ] = 4.0
     initial_sigma_m: Annotated[
@@ -127,7 +131,7 @@ class FusionPfParams(FixErrorParams):
     reset_distance_m: Annotated[
         float,
         parameter(
-            "all particles begin anew once fixes lie this far off their mean, one way, for some scans",
+            "all particles are reinitialised once fixes lie this far off their mean, in one direction, for some scans",
             unit="m",
             gt=0,
             formerly="astray_m",
@@ -140,7 +144,7 @@ class FusionPfParams(FixErrorParams):
     point_estimate: Annotated[
         Literal["median", "mean"],
         parameter(
-            "the position told: spatial median, which errs least on average, or mean, which errs least squared",
+            "the position estimate: spatial median (least mean error) or mean (least mean square error)",
             formerly="centre",
         ),
     ] = "median"
@@ -181,7 +185,7 @@ JIANG2015: Final = Preset(
 
 @dataclass(frozen=True, slots=True)
 class BiasPrior:
-    """What motion said of its own biases: standard deviations, and whether there is a compass."""
+    """Standard deviations of the biases that motion reported, and whether there is a compass."""
 
     heading_rad: float
     scale: float
@@ -226,8 +230,8 @@ class Particles:
         mean_nis: running mean of the squared distance between fixes and particles' mean, in σ² per axis; about one when
             all is well.
         mean_fix_offset: (2,) metres, running mean of the way from the particles' mean to the fixes.
-        fix_quality: at most one, how far the last fix says that a survey came here.
-        motion: what motion said of its own biases, None before the first.
+        fix_quality: in (0, 1], reference_sigma_m / σ of the last fix; low outside the survey.
+        motion: the biases that motion reported, None before the first.
         drift_since_fix: what weighing by the motion result hides.
     """
 
@@ -265,7 +269,7 @@ def batches(states: Sequence[Particles]) -> Iterator[slice]:
 
 
 def initial_bias_prior(motion: Motion, params: FusionPfParams) -> BiasPrior:
-    """Return what the first ``motion`` says of its biases; none where all particles walk alike."""
+    """Return the prior of the biases from the first ``motion``; None where all particles move alike."""
     if not params.use_motion_noise:
         return BiasPrior(0.0, 0.0, compass=True)
     compass = motion.heading_rad is not None
@@ -359,7 +363,7 @@ def wall_log_weight(
     Args:
         before, after: (D, N, 2) metres, the ends of the particles' ways.
         floors, motions: of each device.
-        maps: by floor; each is asked for all devices on its floor at once.
+        maps: by floor; each is called once for all devices on its floor.
         params: of the filter.
     """
     log_share = np.zeros(after.shape[:2])

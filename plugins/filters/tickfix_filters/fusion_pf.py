@@ -4,22 +4,23 @@
 and else by the motion result, eqs. (18)–(19), and the set is resampled (SIR). The preset ``jiang2015`` is that and
 nothing else.
 
-The defaults go beyond the paper. Without a fix nothing weighs: particles spread as motion says that it errs. A particle
-also carries its own bias of the heading and error of the step length, which its walk teaches it, and how far the last
-fix was off if the particle is right: errors of fixes have a memory (:mod:`tickfix.toolkit.fix_errors`). A particle that
-crosses a wall loses most of its weight, and so does, step by step, one that walks where nobody can; not all of it,
-since plans err too. One that walks along the nearest wall, or straight away from it, gains a little: so corridors teach
-what the bias of the heading is ([borenstein2010], :mod:`tickfix.toolkit.walkable_area`). A few particles begin anew
-at every fix, so that a wrong belief never lasts (sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting
-localization", ICRA 2000).
+The defaults go beyond the paper. Without a fix weights do not change: particles spread by the errors that motion
+reports. A particle also carries its own bias of the heading and error of the step length, which its walk teaches it,
+and how far the last fix was off if the particle is right: errors of fixes have a memory
+(:mod:`tickfix.toolkit.fix_errors`). A particle that crosses a wall loses most of its weight, and so does, step by step,
+one that walks where one cannot; not all of it, since plans err too. One that walks along the nearest wall, or straight
+away from it, gains a little: so corridors teach what the bias of the heading is ([borenstein2010],
+:mod:`tickfix.toolkit.walkable_area`). A few particles are reinitialised at every fix, so that a wrong belief never
+lasts (sensor resetting, [lenser2000] Lenser and Veloso, "Sensor resetting localization", ICRA 2000).
 
-Those few are too few for a person who comes out of a part that nobody surveyed. Fixes there are poor, so the belief
-begins in the wrong shop, is kept there by walls, and every later fix of a large σ agrees with it. What gives it away is
-that fixes lie off it *in one direction* for several scans, many metres whatever their σ: then all begin anew.
+Those few are too few for a person who leaves a part that was not surveyed. Fixes there are poor, so the belief begins
+in the wrong shop, is kept there by walls, and every later fix of a large σ agrees with it. What gives it away is that
+fixes lie off it *in one direction* for several scans, many metres whatever their σ: then all particles are
+reinitialised.
 
-Where nobody surveyed, a fix is a surveyed place that sounds alike, and its σ says so. The particles are then metres or
-shops away from the person, and walls that they meet are not the person's walls: both walls and fixes that lie off count
-in proportion to how good fixes are, walls (which are met again and again) to its square.
+Outside the survey a fix is a surveyed place with similar signal strengths, and its σ is large. The particles are then
+metres or shops away from the person, and walls that they meet are not the person's walls: both walls and fixes that lie
+off count in proportion to how good fixes are, walls (which are met again and again) to its square.
 """
 
 from __future__ import annotations
@@ -163,7 +164,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             1.0 - fix_quality * _OFFSET_GAIN
         ) * state.mean_fix_offset + fix_quality * _OFFSET_GAIN * clipped_offset
         if math.hypot(*mean_fix_offset) > self.params.reset_distance_m:
-            report = Report(used=1, innovation_m=innovation_m, lost=True, reasons=("began anew",))
+            report = Report(used=1, innovation_m=innovation_m, lost=True, reasons=("reinitialised",))
             return self._reinitialise(state, fix, rng), report
         mean_nis = (1.0 - _NIS_GAIN) * state.mean_nis + _NIS_GAIN * 0.5 * float(off @ off) / sigma_per_axis_m(fix) ** 2
         weighted = replace(
@@ -187,7 +188,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         return self._resample_if_degenerate(injected, rng), report
 
     def estimate(self, state: Particles) -> Belief:
-        """Say where the particles are, and how far around."""
+        """Return the point estimate of the particles, their covariance and mixture."""
         return self.estimate_many([state])[0]
 
     def estimate_many(self, states: Sequence[Particles]) -> list[Belief]:
@@ -258,7 +259,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         return self._resample_if_degenerate(weighted, rng), report
 
     def _fix_quality(self, fix: Fix) -> float:
-        """Return how far the fix says that a survey came here, in (0, 1]."""
+        """Return the quality of the fix, reference_sigma_m / σ, in (0, 1]: low outside the survey."""
         return min(1.0, self.params.reference_sigma_m / max(sigma_per_axis_m(fix), 1e-9))
 
     def _injected_share(self, state: Particles, fix: Fix) -> float:
@@ -270,7 +271,7 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         return round(share * len(state.xy)) / len(state.xy)
 
     def _inject(self, state: Particles, fix: Fix, share: float, rng: Rng) -> Particles:
-        """Let a random share begin anew at the fix, each with the weight of an average particle."""
+        """Reinitialise a random share of the particles at the fix, each with the weight of an average particle."""
         sigma = sigma_per_axis_m(fix)
         n = round(share * len(state.xy))
         if n == 0 or state.motion is None:
@@ -295,18 +296,18 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         return replace(reinitialised, bias_rad=bias, scale=scale, motion=state.motion)
 
     def _resample_if_degenerate(self, state: Particles, rng: Rng) -> Particles:
-        """Draw the particles anew, where their weights ask for it."""
+        """Resample where the effective sample size is below the threshold."""
         weights = normalise_log_weights(state.log_weights)
         return self._resample(state, weights, rng) if self._degenerate(weights) else state
 
     def _degenerate(self, weights: Floats) -> Bools:
-        """Tell which weights (…, N) ask for resampling; equal ones do not, whatever rounding makes of them."""
+        """Return which weights (…, N) call for resampling; equal ones do not, despite rounding."""
         needed = self.params.ess_threshold * weights.shape[-1] * (1.0 - 1e-9)
         degenerate: Bools = effective_sample_size(weights) < needed
         return degenerate
 
     def _resample(self, state: Particles, weights: Floats, rng: Rng) -> Particles:
-        """Draw the particles anew in proportion to their weights."""
+        """Draw particles with replacement in proportion to their weights."""
         n = len(weights)
         indices = (
             systematic_resample(weights, rng) if self.params.resampling == "systematic" else rng.choice(n, n, p=weights)

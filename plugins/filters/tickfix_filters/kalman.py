@@ -1,13 +1,12 @@
 """Filter ``kalman``: an extended Kalman filter that dead reckoning drives and fixes correct.
 
 State m = [x, y, b, s, u, v]: position, the bias of the heading, the relative error of the step length, and what the
-errors of fixes along x and y have in common with the last ones (:mod:`tickfix.toolkit.fix_errors`). With a tick's way
-d at
-heading θ:
+errors of fixes along x and y have in common with the last ones (:mod:`tickfix.toolkit.fix_errors`). With a tick's way d
+at heading θ:
 
     x ← x + d(1 + s)·sin(θ + b)        y ← y + d(1 + s)·cos(θ + b)        fix = [x, y] + σ·[u, v] + white
 
-Equations of the filter: [sun2013] eqs. (9)–(11), (16) and (17). A fix that is unlikely is not gated but believed less:
+Equations of the filter: [sun2013] eqs. (9)–(11), (16) and (17). An unlikely fix is not gated but down-weighted:
 the innovation's covariance grows as that of Student's t would, so that no run of bad fixes can lock the filter out.
 """
 
@@ -133,7 +132,7 @@ class Kalman(PredictUpdateFilter[KalmanParams, KalmanState]):
         return replace(state, hysteresis=hysteresis, m=frozen(m), p=_symmetric(p)), report
 
     def estimate(self, state: KalmanState) -> Belief:
-        """Say the mean and its covariance."""
+        """Return the mean and its covariance."""
         return Belief(
             floor=state.hysteresis.floor,
             xy=state.m[:2],

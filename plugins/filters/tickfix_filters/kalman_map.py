@@ -2,13 +2,14 @@
 
 State X = [x, y, v_x, v_y]. It is predicted at the instants of fixes, ΔT after the last one; the map's ``snap`` then
 corrects the predicted place U, which makes the prediction nonlinear, and the fix corrects the outcome. Between fixes
-the same prediction is told, and no state changes. Without a map this is the paper's plain Kalman filter, eqs. (9)–(11).
+the same prediction is the estimate, and no state changes. Without a map this is the paper's plain Kalman filter, eqs.
+(9)–(11).
 
 What the paper leaves open: the two accelerations of eq. (16) are printed as constants; they are read as independent,
 with mean zero and this standard deviation. The first speed is zero with σ ``speed_sigma_mps``. By default R is what the
-fix says of itself, which the paper's fingerprint does not; the preset has the R = 6 m² printed. By default the walker
-may also accelerate ten times as much: with the 0.05 m/s² printed, the filter walks straight on for seconds where people
-turn (tested: it strays 7.9 m from a walk with turns and fixes of σ = 2 m).
+covariance of the fix, which the paper's fingerprint does not provide; the preset has the R = 6 m² printed. By default
+the walker may also accelerate ten times as much: with the 0.05 m/s² printed, the filter walks straight on for seconds
+where people turn (tested: it strays 7.9 m from a walk with turns and fixes of σ = 2 m).
 """
 
 from __future__ import annotations
@@ -45,13 +46,16 @@ class KalmanMapParams:
         float, parameter("σ of a_x and of a_y", unit="m/s²", source="[sun2013] eq. (16)", gt=0)
     ] = 0.5
     fix_variance_m2: Annotated[
-        float, parameter("R per axis; 0: as the fix says", unit="m²", source="[sun2013] eq. (17)", ge=0)
+        float, parameter("R per axis; 0: the covariance of the fix", unit="m²", source="[sun2013] eq. (17)", ge=0)
     ] = 0.0
     speed_sigma_mps: Annotated[float, parameter("σ of the first v_x and v_y", unit="m/s", ge=0)] = 1.0
     max_extrapolation_s: Annotated[
         float,
         parameter(
-            "between fixes, the place told moves on for at most this long", unit="s", ge=0, formerly="extrapolated_s"
+            "between fixes, the estimate is extrapolated for at most this long",
+            unit="s",
+            ge=0,
+            formerly="extrapolated_s",
         ),
     ] = 10.0
 
@@ -116,7 +120,7 @@ class KalmanMap(PredictUpdateFilter[KalmanMapParams, KalmanMapState]):
         ), report
 
     def estimate(self, state: KalmanMapState) -> Belief:
-        """Say the prediction for now."""
+        """Return the prediction for the present."""
         X, P = self._predicted(state, state.now_ns, self.params.max_extrapolation_s)
         moving = bool(X[2:].any())
         return Belief(

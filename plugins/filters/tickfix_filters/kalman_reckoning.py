@@ -1,7 +1,7 @@
 """Filter ``kalman-reckoning``: a Kalman filter behind dead reckoning, the comparison of [jiang2015] section 8.3.1.
 
 The places that dead reckoning adds up to, [jiang2015] eq. (13), are observed by a Kalman filter with the state
-X = [x, y, v_x, v_y], [sun2013] eqs. (9)–(11) and (16)–(17). It makes the way smoother and knows nothing new: what
+X = [x, y, v_x, v_y], [sun2013] eqs. (9)–(11) and (16)–(17). It smooths the track and adds no information: what
 dead reckoning has accumulated stays. [jiang2015] prints no model and no value; all are ours.
 """
 
@@ -89,11 +89,11 @@ class KalmanReckoning(PredictUpdateFilter[KalmanReckoningParams, SmoothedReckoni
         return SmoothedReckoningState(reckoned, frozen(X + K @ (reckoned.xy - _H @ X)), frozen(0.5 * (P + P.T)))
 
     def update(self, state: SmoothedReckoningState, fix: Fix, rng: Rng) -> tuple[SmoothedReckoningState, Report]:
-        """Do nothing; only say how far off the fix is."""
+        """Leave the state as it is; report the distance to the fix only."""
         return state, self._reckoning.update(state.reckoned, fix, rng)[1]
 
     def estimate(self, state: SmoothedReckoningState) -> Belief:
-        """Say the smoothed place, as unsure as what was reckoned and the smoothing together."""
+        """Return the smoothed position; its covariance is that of the reckoning plus that of the smoothing."""
         moving = bool(state.x[2:].any())
         return Belief(
             floor=state.reckoned.floor,

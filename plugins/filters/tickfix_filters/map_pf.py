@@ -2,15 +2,14 @@
 
 It runs the fading-factor filter (:mod:`tickfix_filters.fading_ekf`) and observes its result. Particles walk with every
 tick, by what was measured; or, where ``propagation`` is ``"ekf"``, by the EKF's velocity, since section 5.3 names only
-the
-EKF's places and the map as what goes in, and section 5.1 leaves the transition open. One that leaves the effective
+the EKF's places and the map as what goes in, and section 5.1 leaves the transition open. One that leaves the effective
 region of the map, or passes a wall on the way, has weight 0, eq. (24). At each fix the others are weighed by a Gaussian
 of their distance to the EKF's place, and drawn by auxiliary SIR, [arulampalam2002] algorithm 5: in proportion to how
 well they explain it *before* they are scattered, and weighed by what that got wrong.
 
 A map can also kill a filter: when every particle has died, or when the particles stay far from the EKF for several
-fixes in a row (one gross error is no reason), they begin anew around its place, where one can stand. How much a
-particle's walk differs from the measured one is not printed; these parameters are ours.
+fixes in a row (one gross error is no reason), they are reinitialised around its position, where one can stand. How much
+a particle's walk differs from the measured one is not printed; these parameters are ours.
 """
 
 from __future__ import annotations
@@ -92,7 +91,8 @@ class MapParticles:
         xy: (N, 2) metres.
         log_weights: (N,), −inf for the dead; not all are.
         distant_fixes: fixes in a row at which the particles were far from the EKF's place.
-        depletions, lockouts: how often they began anew, and why.
+        depletions, lockouts: how often all particles died, and how often they were far from the EKF; each time they
+            were reinitialised.
     """
 
     hysteresis: FloorHysteresis
@@ -135,7 +135,7 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
     def step(
         self, state: MapParticles, motion: Motion, observations: Sequence[Observation], rng: Rng
     ) -> tuple[MapParticles, Report]:
-        """Fold one tick, and say when the particles began anew."""
+        """Fold one tick, and report when the particles were reinitialised."""
         after, report = super().step(state, motion, observations, rng)
         reasons = report.reasons
         if after.depletions > state.depletions:
@@ -229,5 +229,5 @@ class MapPf(PredictUpdateFilter[MapPfParams, MapParticles]):
         return sample_around(self.context.maps.get(floor), place, sigma_m, self.params.particles, rng)
 
     def _outside(self, floor: str, before: Floats, xy: Floats) -> Bools:
-        """Tell which particles (N,) have left the effective region of the map."""
+        """Return which particles (N,) have left the effective region of the map."""
         return outside_walkable(self.context.maps.get(floor), before, xy, walls=self.params.walls)

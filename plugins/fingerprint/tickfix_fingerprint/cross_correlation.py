@@ -66,7 +66,7 @@ SUN2013: Final = Preset("[sun2013] section 4.2: N = 2 samples, K = 7 points", {"
 
 
 class CorrelationFingerprint(SurveyedFingerprint[P]):
-    """Base: mean of the K points of greatest correlation coefficient; subclasses say how it is computed.
+    """Base: mean of the K points of greatest correlation coefficient; subclasses define how it is computed.
 
     Where coefficients are equal (all of them are zero when the on-line variance has collapsed) points come in the order
     of how near their mean RSS is to the on-line mean. The fix's uncertainty is learnt from 1 − r of the best point.

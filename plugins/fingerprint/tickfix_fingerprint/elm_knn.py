@@ -1,8 +1,7 @@
 """Fingerprint ``elm-knn``: an extreme learning machine names the K points, their distances weigh them.
 
 RecordingFile: [jiang2015] section 7. The classes are the reference points, the features the RSS of the most frequent
-access
-points. Eq. (20) prints (n − 1) where (K − 1) makes the weights sum to one; n counts access points there.
+access points. Eq. (20) prints (n − 1) where (K − 1) makes the weights sum to one; n counts access points there.
 """
 
 from __future__ import annotations
@@ -132,7 +131,7 @@ class ElmKnn(SurveyedFingerprint[ElmKnnParams]):
 def distance_weights(dis: Floats) -> Floats:
     """Return the weights (K,) of neighbours at distances ``dis`` (K,) ≥ 0: ≥ 0, summing to one.
 
-    Where all are at distance 0 (or there is one only) the equation says nothing, and all weigh the same.
+    Where all are at distance 0 (or there is one only) the equation is undefined, and all have equal weights.
     """
     K, total = len(dis), dis.sum()
     if K == 1 or total <= 0.0:

@@ -3,7 +3,7 @@
 [sun2013] compares N on-line samples of M access points with "created" matrices of the same shape and does not print how
 they are created. Here they are blocks of N survey samples of a point, so that they keep its variation.
 
-A survey tells when each *reading* was heard. On a walk the readings of one scan are seconds apart, and a point is
+A survey records when each *reading* was heard. On a walk the readings of one scan are seconds apart, and a point is
 described by parts of several scans. A sample of a point is therefore put together from the readings of one chain of
 walks within ``sample_s``, the n-th reading of each transmitter there going to the n-th sample. Samples follow each
 other by chain and time; every N of them are a block, without overlap, and the last of a point may be short. A
@@ -154,7 +154,7 @@ def _sample_numbers(radio_map: RadioMap, point: Ints, sample: Ints, sample_s: fl
 
 
 def _first_of_group(*keys: Ints) -> Bools:
-    """Tell for each row of sorted keys whether it is the first of its kind: (n,) bool."""
+    """Return for each row of sorted keys whether it is the first of its kind: (n,) bool."""
     changes: Bools = np.zeros(len(keys[0]), np.bool_)
     changes[:1] = True
     for key in keys:

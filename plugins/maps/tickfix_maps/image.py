@@ -1,13 +1,13 @@
 """Map ``image``: map matching on an image matrix, [sun2013] section 3.2.
 
 The floor is a matrix I_match: 1 where people walk, 0 building structure, -1 the walkways to which infeasible positions
-are corrected. It is made of two drawings, the plan without and with walkways, eqs. (7)-(8); without drawings the plan
-is rasterised from the floor's geometry and the walkways are its medial axis, by [hesselink2008] Hesselink and Roerdink,
-"Euclidean skeletons of digital image and volume data in linear time by the integer medial axis transform", IEEE Trans.
-PAMI 30 (2008). Only T_threshold is printed; the pixel size is not. The paper returns the centre of a pixel always; here
-a position that needs no correction is returned unchanged. The walkway next to the midpoint may lie in another room than
-the last position: as printed, that is where one goes; by default it is the next one reachable from the last position in
-a straight line.
+are corrected. It is computed from two drawings, the plan without and with walkways, eqs. (7)-(8); without drawings the
+plan is rasterised from the floor's geometry and the walkways are its medial axis, by [hesselink2008] Hesselink and
+Roerdink, "Euclidean skeletons of digital image and volume data in linear time by the integer medial axis transform",
+IEEE Trans. PAMI 30 (2008). Only T_threshold is printed; the pixel size is not. The paper returns the centre of a pixel
+always; here a position that needs no correction is returned unchanged. The walkway next to the midpoint may lie in
+another room than the last position: as printed, that is where one goes; by default it is the next one reachable from
+the last position in a straight line.
 """
 
 from __future__ import annotations
@@ -106,7 +106,10 @@ class ImageParams:
     min_passage_width_m: Annotated[
         float,
         parameter(
-            "walkways that nobody drew lie between walls at least this far apart", unit="m", gt=0, formerly="passage_m"
+            "walkways that are not drawn lie between walls at least this far apart",
+            unit="m",
+            gt=0,
+            formerly="passage_m",
         ),
     ] = 0.6
     snap_across_walls: Annotated[
@@ -163,7 +166,7 @@ class Image(BaseMap[ImageParams]):
         self.I_match: MatchingMatrix = frozen(matching_matrix(I_model, I_no_model), np.int8)
 
     def contains(self, xy: Floats) -> Bools:
-        """Tell for each point (n, 2) whether its pixel is no structure; a floor without geometry is all free."""
+        """Return for each point (n, 2) whether its pixel is no structure; a floor without geometry is all free."""
         if self.I_match.size == 0:
             return np.ones(len(xy), dtype=np.bool_)
         pixels, (rows, columns) = self._pixels(xy), self.I_match.shape
@@ -173,7 +176,7 @@ class Image(BaseMap[ImageParams]):
         return np.where(known, free, not self._bounded)
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
-        """Tell for each move (n, 2) → (n, 2) whether it passes a pixel of a wall or an edge."""
+        """Return for each move (n, 2) → (n, 2) whether it passes a pixel of a wall or an edge."""
         crossed = np.zeros(len(a), dtype=np.bool_)
         if self.I_match.size == 0:
             return crossed

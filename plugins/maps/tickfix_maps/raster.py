@@ -36,7 +36,7 @@ def traverse_pixels(a: Floats, b: Floats) -> tuple[Ints, Ints, Ints]:
     order = np.lexsort((shares, moves))
     moves, shares = moves[order], shares[order]
     ends = np.append(np.where(moves[1:] == moves[:-1], shares[1:], 1.0), 1.0)[: len(moves)]
-    # Between two lines of the grid a move stays within one pixel, which its middle tells safely.
+    # Between two lines of the grid a move stays within one pixel, the one of its middle.
     middle = a[moves] + (0.5 * (shares + ends))[:, None] * (b - a)[moves]
     column, row = np.floor(middle).astype(np.int64).T
     return moves, row, column

@@ -1,6 +1,6 @@
 """Exact crossings of many short moves with many wall segments.
 
-Small square cells know their clearance to the nearest segment, so most moves are known at once to cross none (broad
+For small square cells the clearance to the nearest segment is precomputed, so most moves are cleared directly (broad
 phase); for the rest a coarse grid lists for each cell the segments that a short move around its centre could touch, and
 only those are tested, each exactly. A raster of blocked cells would refuse moves beside a wall, and a test of end
 points would jump through it.
@@ -66,13 +66,14 @@ class CellGrid:
         return frozen(np.clip(self.side_m * off, 0.0, GRID_MARGIN_M).ravel())
 
     def uniform_cells(self, predicate: Callable[[Floats], Bools]) -> tuple[Bools, Bools]:
-        """Return what changes across segments only: whether it ``predicate`` in each cell, and whether the cell tells.
+        """Return what changes across segments only: ``predicate`` in each cell, and whether it is constant over the
+        cell.
 
         Args:
-            predicate: tells for points (n, 2); asked once for every region that segments separate.
+            predicate: evaluated on points (n, 2), once for every region that segments separate.
 
         Returns:
-            Both (rows · columns,). A cell near a segment does not tell.
+            Both (rows · columns,). It is never constant in a cell near a segment.
         """
         # A point may be taken for one of the next cell, by rounding.
         mixed = ndimage.binary_dilation(self.occupied, np.ones((3, 3), np.bool_))
@@ -87,7 +88,7 @@ class CellGrid:
 
 
 _CANDIDATE_CELL_M: Final = 0.5
-_MAX_HALF_PIECE_M: Final = 1.0  # half of the longest piece that is tested at once
+_MAX_HALF_PIECE_M: Final = 1.0  # half of the longest piece that is tested in one go
 _ROUNDING_M: Final = 1e-6
 _MOVES_PER_BLOCK: Final = 8192  # moves looked at together: their arrays stay in the processor's cache
 
@@ -130,7 +131,7 @@ class SegmentIndex:
         self._offsets: Ints = np.concatenate([[0], np.cumsum(self._counts)[:-1]])
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
-        """Tell for each move from ``a`` (n, 2) to ``b`` (n, 2) whether it passes through or touches a segment."""
+        """Return for each move from ``a`` (n, 2) to ``b`` (n, 2) whether it passes through or touches a segment."""
         crossed = np.zeros(len(a), dtype=np.bool_)
         crossed[self._crossings(a, b)[0]] = True
         return crossed
@@ -194,7 +195,7 @@ class SegmentIndex:
 
 
 def _segments_meet(a: Floats, b: Floats, p: Floats, q: Floats) -> Bools:
-    """Tell for each pair whether the closed segments ab and pq, ends (2, n), share a point: (n,) bool."""
+    """Return for each pair whether the closed segments ab and pq, ends (2, n), share a point: (n,) bool."""
     delta, wall, ap, aq, pb = b - a, q - p, p - a, q - a, b - p
     # Each of the two must not lie wholly on one side of the other …
     straddle = np.sign(_cross_product(delta, ap)) * np.sign(_cross_product(delta, aq)) <= 0

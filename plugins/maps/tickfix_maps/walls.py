@@ -21,7 +21,7 @@ class WallsParams:
 
 
 class Walls(BaseMap[WallsParams]):
-    """Floor geometry as drawn: nobody leaves the outline, enters an obstacle or passes a wall.
+    """Floor geometry as drawn: one cannot leave the outline, enter an obstacle or pass a wall.
 
     A floor without outline has no edge: one can stand anywhere outside its obstacles.
     """
@@ -37,7 +37,7 @@ class Walls(BaseMap[WallsParams]):
         self._index = SegmentIndex(wall_segments(context.floor))
 
     def contains(self, xy: Floats) -> Bools:
-        """Tell for each point (n, 2) whether one can stand there."""
+        """Return for each point (n, 2) whether one can stand there."""
         if self._walkable is None:
             return np.ones(len(xy), dtype=np.bool_)
         cells, free, uniform = self._free
@@ -48,7 +48,7 @@ class Walls(BaseMap[WallsParams]):
         return inside
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
-        """Tell for each move (n, 2) → (n, 2) whether it passes through or touches a wall."""
+        """Return for each move (n, 2) → (n, 2) whether it passes through or touches a wall."""
         return self._index.crosses(a, b)
 
     def nearest_free(self, xy: Floats) -> Floats:
@@ -79,7 +79,7 @@ class Walls(BaseMap[WallsParams]):
 
     @cached_property
     def _free(self) -> tuple[CellGrid, Bools, Bools]:
-        """Cells, in which of them one can stand, and which of them are wholly alike and tell it."""
+        """Cells, in which of them one can stand, and which of them are uniform."""
         cells = CellGrid(_edges(self._floor))
         return cells, *cells.uniform_cells(lambda xy: shapely.contains_xy(self._walkable, xy))
 
@@ -104,7 +104,7 @@ class Walls(BaseMap[WallsParams]):
 
 
 def wall_segments(floor: Floor) -> Floats:
-    """Return everything nobody passes, (m, 2, 2): walls and the edges of outline and obstacles."""
+    """Return everything that blocks a move, (m, 2, 2): walls and the edges of outline and obstacles."""
     return frozen(np.concatenate([floor.walls, _edges(floor)]))
 
 

@@ -51,7 +51,7 @@ class ElmParams:
     window_ms: Annotated[
         int,
         parameter(
-            "T_w, whole ticks over whose samples features are averaged; the last one is told",
+            "T_w, whole ticks over whose samples features are averaged; the result is that of the last one",
             unit="ms",
             source="[jiang2015] 8.2.1",
             ge=200,
@@ -83,7 +83,10 @@ class ElmParams:
     stationary_threshold_mps2: Annotated[
         float,
         parameter(
-            "a phone that shakes less is at rest; 0: as the network says", unit="m/s²", ge=0, formerly="still_mps2"
+            "a phone that shakes less is at rest; 0: the output of the network decides",
+            unit="m/s²",
+            ge=0,
+            formerly="still_mps2",
         ),
     ] = 0.15
 
@@ -91,7 +94,7 @@ class ElmParams:
         """Check the window.
 
         Raises:
-            ValueError: when it is not made of whole ticks.
+            ValueError: when it is not a whole number of ticks.
         """
         if self.window_ms * 1_000_000 % TICK_NS:
             raise ValueError(f"window_ms: found {self.window_ms}, expected a multiple of {TICK_NS // 1_000_000}")
@@ -186,7 +189,7 @@ class ElmState:
     """What is carried from tick to tick.
 
     Attributes:
-        heading_rad: the last one told, None before.
+        heading_rad: the last one output, None before.
         up: gravity's reaction in the device frame, smoothed, m/s²; zero before the first acceleration.
         gyroscope_ns: the last gyroscope sample's time, −1 before the first.
         shake: smoothed square of the acceleration's departure from gravity's length, m²/s⁴; −1 before the first.
@@ -205,13 +208,13 @@ class ElmState:
 class ElmPdr(BasePdr[ElmParams]):
     """Velocity and orientation of each tick by two extreme learning machines, trained on the survey's walks.
 
-    The uncertainties told are what cross-validation found: errors of walks that the network did not see, apart for what
-    changes from tick to tick and what stays for a walk. Where the sensors of the orientation are silent, the heading
-    goes on by the gyroscope; where those of the velocity are, nothing is known of the way. A phone that lies still
-    stays where it is, whatever the network says of its pose; that rule is ours and off in the preset.
+    Uncertainties come from cross-validation: errors on walks that the network did not see, split into a part that
+    changes from tick to tick and a part that is constant over a walk. Without the sensors of the orientation, the
+    gyroscope carries the heading on; without those of the velocity, the displacement is unknown. A phone at rest stays
+    where it is, whatever the network outputs for its pose; that rule is ours and off in the preset.
 
-    Mean accelerations tell how a phone is held before they tell how fast it goes: survey with the people and the holds
-    that will be followed. Of one person's survey the velocity of another person may come out worse than a constant.
+    Mean accelerations depend more on how a phone is held than on how fast it moves: survey with the people and the
+    holds that will be tracked. Trained on one person, the velocity of another may be worse than a constant.
     """
 
     name = "elm"

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from tickfix.api import Floats, Ints, MotionSamples, SurveyWalk, frozen, wrap_rad
 from tickfix.toolkit.calibration import samples_between
 
-_MAX_SPEED_MPS = 3.0  # nobody indoors runs faster; a network says anything for what it never saw
+_MAX_SPEED_MPS = 3.0  # nobody runs faster indoors; a network's output is arbitrary for inputs unlike its training
 _MIN_HEADING_SPEED_MPS = 0.2  # below it the spline's direction is that of its error
 
 
@@ -75,7 +75,7 @@ def merge_sums(parts: Sequence[SensorSums]) -> SensorSums:
 
 
 def velocity_features(window: SensorSums) -> Floats | None:
-    """Return acc.x, y, z, gyr.x, y, z (6,), eq. (1); None where a sensor is silent."""
+    """Return acc.x, y, z, gyr.x, y, z (6,), eq. (1); None without samples of a sensor."""
     if not window.counts[:2].all():
         return None
     means: Floats = window.sums[:6] / np.repeat(window.counts[:2], 3)  # eq. (3)
@@ -83,7 +83,7 @@ def velocity_features(window: SensorSums) -> Floats | None:
 
 
 def heading_features(window: SensorSums, *, as_vector: bool) -> Floats | None:
-    """Return ori.x, y, z in radians and mag.x, y, z in µT (6,), eq. (2); None where a sensor is silent.
+    """Return ori.x, y, z in radians and mag.x, y, z in µT (6,), eq. (2); None without samples of a sensor.
 
     ``as_vector``: ori.x as its sine and cosine (7,), so that what is felt does not jump where the azimuth does.
     """
@@ -136,15 +136,15 @@ def labelled_windows(
 
 
 def assign_folds(walk: Ints, chain: Ints, count: int, *, keep_chains: bool, rng: np.random.Generator) -> Ints:
-    """Return the fold (N,) of each window: whole chains dealt in turn, or windows at random.
+    """Return the fold (N,) of each window: whole chains in turn, or windows at random.
 
     With a single chain its windows are cut into consecutive blocks: neighbours still stay together.
     """
     n = len(walk)
     count = min(count, n)
     if not keep_chains:
-        dealt: Ints = rng.permutation(n) % count
-        return dealt
+        shuffled: Ints = rng.permutation(n) % count
+        return shuffled
     present = np.unique(chain[walk])
     if len(present) < 2:
         return np.arange(n) * count // n

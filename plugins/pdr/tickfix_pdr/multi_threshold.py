@@ -247,7 +247,7 @@ class MultiThreshold(BasePdr[MultiThresholdParams]):
     """Steps by the multi-threshold rules, length by K·⁴√(acc_max − acc_min), hybrid heading of compass and gyroscope.
 
     A phone without magnetometer takes the compass out of its rotation vector, one without gyroscope has θ_g = θ_m, one
-    without both has no heading and tells only its turns. The survey calibrates K and the drawing's north.
+    without both has no heading and measures only its turns. The survey calibrates K and the drawing's north.
     """
 
     name = "multi-threshold"

@@ -62,8 +62,8 @@ class PseudoOdometry(BasePdr[PseudoOdometryParams]):
     fixed grid at the rate of the RSSI measurements (``period_s``), which begins with the track. A tick that ends at
     or just past a point of the grid brings the way since the reading before: its length along the steps, and the
     direction of the sum of the steps, s_e and s_n of [wang2015] eq. (13). All other ticks bring no way and its
-    certainty: what is told between readings lags by up to one period, as the paper's odometer does. Steps and turns
-    are told when they happen.
+    certainty: the distance between readings lags by up to one period, as the paper's odometer does. Steps and turns
+    are reported when they happen.
     """
 
     name = "pseudo-odometry"
@@ -88,7 +88,7 @@ class PseudoOdometry(BasePdr[PseudoOdometryParams]):
         return PseudoOdometryState()
 
     def step(self, state: PseudoOdometryState, samples: MotionSamples) -> tuple[PseudoOdometryState, Motion]:
-        """Fold a tick's samples; tell a way where the odometer is read."""
+        """Fold a tick's samples; return a displacement in ticks in which the odometer is read."""
         inner, motion = self._pdr.step(state.inner_state, samples)
         heading = motion.heading_rad
         way = motion.distance_m if heading is not None else 0.0

@@ -75,7 +75,7 @@ class StepsPdr(BasePdr[StepsParams]):
     """Steps by peak and valley, length after Weinberg, direction where the phone points.
 
     Steel bends the field from corridor to corridor, and the rotation vector with it, while a gyroscope keeps its
-    direction for a minute. So the rotation vector tells where north is on average, the gyroscope what changes.
+    direction for a minute. So the rotation vector gives the long-term mean of the heading, the gyroscope its changes.
 
     The survey teaches two things that a building or its drawing bring: by how much the drawing's +y is off the north
     that phones show, and how long steps are here.

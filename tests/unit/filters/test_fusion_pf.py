@@ -53,16 +53,16 @@ def from_where_nobody_surveyed(places: Floats) -> dict[int, Fix]:
 def test_a_wrong_start_that_walls_keep_wrong_ends_soon_after_fixes_become_right() -> None:
     motions, places = walk(40.0, north)
     seen = from_where_nobody_surveyed(places)
-    off: dict[str, list[float]] = {"anew": [], "never": []}
+    off: dict[str, list[float]] = {"reinitialised": [], "never": []}
     for seed in range(10):
-        for name, params in (("anew", KEPT), ("never", NEVER | KEPT)):
+        for name, params in (("reinitialised", KEPT), ("never", NEVER | KEPT)):
             pf = FusionPf(FusionPfParams(**params), MAPPED)
             error = errors(pf, fold(pf, motions, seen, np.random.default_rng(seed)), places)
             assert error[:50].min() > 15.0
             off[name].append(float(error[100:].mean()))
-    assert max(off["anew"]) < 5.0
+    assert max(off["reinitialised"]) < 5.0
     assert max(off["never"]) > 15.0
-    assert np.mean(off["never"]) > 2.0 * np.mean(off["anew"])
+    assert np.mean(off["never"]) > 2.0 * np.mean(off["reinitialised"])
 
 
 def test_walls_do_not_keep_a_start_that_poor_fixes_made_wrong() -> None:
@@ -79,12 +79,12 @@ def test_what_begins_anew_says_so_and_still_faces_the_same_way() -> None:
     motions, places = walk(40.0, north)
     pf = FusionPf(FusionPfParams(**KEPT), MAPPED)
     folded = fold(pf, motions, from_where_nobody_surveyed(places), np.random.default_rng(5))
-    anew = [k for k, (_, report) in enumerate(folded) if "began anew" in report.reasons]
-    assert 50 < anew[0] < 100
-    state, report = folded[anew[0]]
+    reinitialised = [k for k, (_, report) in enumerate(folded) if "reinitialised" in report.reasons]
+    assert 50 < reinitialised[0] < 100
+    state, report = folded[reinitialised[0]]
     assert report.lost
     assert report.used == 1
-    assert state.heading_rad == folded[anew[0] - 1][0].heading_rad
+    assert state.heading_rad == folded[reinitialised[0] - 1][0].heading_rad
     assert state.motion is not None
     assert np.hypot(*state.mean_fix_offset) == 0.0
     assert state.bias_rad.std() == pytest.approx(state.motion.heading_rad, rel=0.2)
