@@ -338,7 +338,11 @@ BROKEN_FILTERS: dict[str, tuple[type[Any], str, str]] = {
         "estimate_many alone",
     ),
     "devices that sway each other": (many(_swayed), "many_devices_at_once", "another state of device .*: xy differs"),
-    "devices in the wrong order": (many(lambda stepped: stepped[::-1]), "many_devices_at_once", "all together, at tick 1"),
+    "devices in the wrong order": (
+        many(lambda stepped: stepped[::-1]),
+        "many_devices_at_once",
+        "all together, at tick 1",
+    ),
     "devices left out": (many(lambda stepped: stepped[:1]), "many_devices_at_once", "of 7 devices returned 1 results"),
     "devices reported otherwise": (
         many(lambda stepped: [(state, Report()) for state, _ in stepped]),
