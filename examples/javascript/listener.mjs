@@ -57,7 +57,7 @@ function isNew(names, seq) {
   const stream = [names[0], names[1], ...names.slice(-2)].join("/");
   const last = lastNumbers.get(stream);
   lastNumbers.set(stream, seq);
-  // The same number again is the last value, sent anew because somebody subscribed.
+  // The same number again is the last value, sent again because a listener subscribed.
   if (last === seq) return false;
   if (last !== undefined && seq > last + 1 && hearsAllFloors) {
     console.error(`missed ${seq - last - 1} of ${stream}`);

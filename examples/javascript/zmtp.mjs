@@ -65,7 +65,7 @@ export class Connection extends EventEmitter {
       this.#write(COMMAND, Buffer.concat([text("READY"), text("Socket-Type"), longText(this.socketType)]));
     }
     for (let frame = this.#nextFrame(); frame; frame = this.#nextFrame()) {
-      if (frame.flags & COMMAND) this.#obey(frame.body);
+      if (frame.flags & COMMAND) this.#handleCommand(frame.body);
       else {
         this.frames.push(frame.body);
         if (!(frame.flags & MORE)) this.emit("message", this.frames.splice(0));
@@ -84,7 +84,7 @@ export class Connection extends EventEmitter {
     return frame;
   }
 
-  #obey(command) {
+  #handleCommand(command) {
     const name = command.toString("ascii", 1, 1 + command[0]);
     if (name === "READY") {
       this.isReady = true;

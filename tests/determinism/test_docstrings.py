@@ -76,3 +76,20 @@ def test_every_name_that_a_docstring_describes_exists() -> None:
             wrong += [f"{where} has no {name!r}" for name in names if name not in known]
     assert described > 1000
     assert wrong == []
+
+
+OTHER_LIBRARIES = ("mcap.", "struct", "numpy.")
+
+
+def test_every_cross_reference_in_a_docstring_leads_somewhere() -> None:
+    sources = {path: path.read_text("utf-8") for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))}
+    modules = {part for path in sources for part in (path.stem, path.parent.name)}
+    text = "\n".join(sources.values())
+    defined = set(re.findall(r"(?:\b(?:def|class)\s+|^\s*|\bself\.)(\w+)\b(?=\s*[(:=\[])", text, re.MULTILINE))
+    wrong = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, source in sources.items()
+        for name in re.findall(r":(?:class|func|mod|meth|data|attr|exc):`~?([\w.]+)`", source)
+        if not name.startswith(OTHER_LIBRARIES) and name.rpartition(".")[2] not in defined | modules
+    ]
+    assert wrong == []

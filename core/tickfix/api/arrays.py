@@ -57,7 +57,7 @@ def frozen_ints(name: str, values: ArrayLike, *shape: int | None) -> Ints:
 
 
 def _is_frozen_as(values: ArrayLike, dtype: np.dtype[Any], shape: tuple[int | None, ...]) -> TypeGuard[NDArray[Any]]:
-    """Whether :func:`_frozen` would return this very array, as it does where one came over the wire."""
+    """Whether :func:`_freeze_checked` would return this very array, as it does for arrays from the wire."""
     if type(values) is not np.ndarray or values.dtype is not dtype:
         return False
     flags = values.flags

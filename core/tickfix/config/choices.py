@@ -108,7 +108,7 @@ class RenamedKeyError(ConfigError):
     """A key that an earlier release had under another name.
 
     Args:
-        where: file and old key, such as ``mine.toml: pipelines.b.filter.own_ways``.
+        where: file and renamed key, such as ``mine.toml: pipelines.b.filter.own_ways``.
         new_name: the key that replaces it.
     """
 

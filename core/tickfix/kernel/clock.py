@@ -1,4 +1,4 @@
-"""A device's clock as its samples show it: which times to follow, which to doubt, and when it has started anew.
+"""A device's clock as its samples show it: which times to follow, which to doubt, and when it has restarted.
 
 Phones' clocks start anywhere, drift, step and reboot, and single samples carry times that are plainly wrong. Every
 sample is judged by itself, so that batching cannot matter:

@@ -55,7 +55,7 @@ class Fold(Generic[S, O]):
         self.folded_to: int | None = None
 
     def begin(self, tick: int) -> None:
-        """Start anew, ``tick`` being the first to fold."""
+        """Restart from the start state; ``tick`` is the first to fold."""
         self.resume(tick - 1, self._start())
 
     def resume(self, tick: int, state: S) -> None:

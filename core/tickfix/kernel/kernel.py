@@ -111,7 +111,7 @@ class Kernel:
     def run(self, device: str, tick: int | None = None, max_ticks: int | None = None) -> KernelOutput:
         """Fold what is due for a device; ``tick`` closes ticks up to it whether or not the data has passed them.
 
-        At most ``max_ticks`` ticks are closed, if that is told; its :class:`Standing` says whether more are due.
+        At most ``max_ticks`` ticks are closed, unless it is None; :class:`DeviceProgress` shows whether more are due.
         """
         return self.run_many([(device, tick)], max_ticks)[0]
 
@@ -131,7 +131,7 @@ class Kernel:
         return outputs
 
     def abandon(self, device: str) -> None:
-        """Forget a device that cannot be folded any more, and say nothing; should it come back, it begins anew."""
+        """Forget a device that cannot be folded any more, without output; if it comes back, it restarts."""
         known = self._devices.pop(device, None)
         if known is not None:
             self._sessions.close(device, known.number + 1)

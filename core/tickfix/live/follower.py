@@ -170,7 +170,7 @@ class Follower:
     def _check_sequence(self, head: FollowEnvelope) -> None:
         if head.run != self._run:
             if self._run:
-                self._log(f"{self._address}: the engine runs anew as {head.run}")
+                self._log(f"{self._address}: the engine restarted as {head.run}")
             self._run, self._own_numbers = head.run, {}
         elif head.seq > self._seq + 1:
             self.counts["missed"] += head.seq - self._seq - 1

@@ -60,7 +60,7 @@ class WatchdogHeartbeat:
     """Shared by processes that were forked from the one that made it.
 
     Args:
-        memory: another beacon's; None makes a new one.
+        memory: that of another heartbeat; None makes a new one.
         stage_index: the other's, of stages in their list.
         offset: the number in the memory where the signs are left.
     """
@@ -85,7 +85,7 @@ class WatchdogHeartbeat:
         self.beat()
 
     def for_worker(self, n: int) -> WatchdogHeartbeat:
-        """Return the beacon of the worker with this number, counted from 0, in the same memory."""
+        """Return the heartbeat of the worker with this number, counted from 0, in the same memory."""
         if not 0 <= n < MAX_WORKERS:
             raise ValueError(f"worker: found {n}, expected 0 to {MAX_WORKERS - 1}")
         return WatchdogHeartbeat(self._memory, self._stage_index, _SLOT_NUMBERS * (1 + n))

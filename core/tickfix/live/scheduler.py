@@ -99,7 +99,7 @@ class Deadlines:
             arrival_ns: when it arrived, on our clock.
         """
         due = self._devices.setdefault(device, DeviceDeadline())
-        if newest_ns < due.newest_ns:  # its clock started anew
+        if newest_ns < due.newest_ns:  # its clock restarted
             due.offset = ClockOffset()
         if newest_ns != due.newest_ns:
             due.offset.observe(newest_ns, arrival_ns)

@@ -34,7 +34,7 @@ _MAX_FAILED_STARTS: Final = 5
 _START_TIMEOUT_S: Final = 60.0
 """An engine that does not serve yet, and calls no stage, may be silent for so long: it loads a site."""
 _MAX_QUICK_FAILURES: Final = 3
-"""Engines that break soon after they went on from the journal, one after the other, before one begins a run anew."""
+"""Engines that break soon after they went on from the journal, one after the other, before one starts a new run."""
 _QUICK_FAILURE_S: Final = 60.0
 CRASH_SIGNALS: Final = frozenset(
     getattr(signal, name) for name in ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL") if hasattr(signal, name)
@@ -169,7 +169,7 @@ def _next_options(
             "begins, the old one is kept"
         )
     else:
-        found.append("resuming from the journal" if resumes else "starting anew: there is no journal")
+        found.append("resuming from the journal" if resumes else "starting a new run: there is no journal")
     # Signals come from outside, too; twice in one stage is no chance.
     if stage is not None and (child.hung or (-code in CRASH_SIGNALS and history.crashes_by_stage[key] > 1)):
         if heartbeat.pipelines_without(key):

@@ -322,7 +322,7 @@ class ZapAuthenticator:
     """
 
     def __init__(self, socket: zmq.Socket[bytes], allowed: AllowList) -> None:
-        """Serve ``socket``, a REP bound to :data:`ENDPOINT`."""
+        """Serve ``socket``, a REP bound to :data:`ZAP_ENDPOINT`."""
         self._socket = socket
         self._allowed = allowed
         self.refused: Counter[str] = Counter()

@@ -26,7 +26,7 @@ class CallQueue:
     """Things that other threads want done by the one that owns the sockets.
 
     Attributes:
-        wake: to be polled by the owner; readable when there are errands.
+        wake: to be polled by the owner; readable when calls are queued.
     """
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class CallQueue:
                 self._wake_writer.send(b"\0")
 
     def run(self, max_items: int) -> None:
-        """Run at most ``max_items`` errands, in the order in which they were added."""
+        """Run at most ``max_items`` queued calls, in the order in which they were added."""
         # The flag goes down first: whoever adds from here on rings again.
         self._signalled = False
         with suppress(BlockingIOError):
@@ -105,10 +105,10 @@ _MIN_ROUND_NS: Final = 1_000_000
 
 
 class IoLoop:
-    """Waits for sockets, errands and times that are due, and serves each a little.
+    """Waits for sockets, queued calls and due times, and serves each in turn.
 
     Attributes:
-        errors: mishaps of single ports, by what they were; they should not happen, and close nothing.
+        errors: unexpected exceptions of single ports, by type; they close nothing.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class IoLoop:
         self._register_sockets()
 
     def serve(self, ended: Callable[[], bool]) -> None:
-        """Go round until ``ended``, then run the errands that are left."""
+        """Loop until ``ended``, then run the calls that are left."""
         while not ended():
             ready = dict(self._poller.poll(self._wait_ms()))
             started_ns = self._clock.monotonic_ns()
@@ -215,6 +215,6 @@ class IoLoop:
     def _run_guarded(self, serve: Callable[[], Any]) -> Any:
         try:
             return serve()
-        except Exception as problem:  # noqa: BLE001 - one port's mishap must not close the others; it is counted
+        except Exception as problem:  # noqa: BLE001 - one port's error must not close the others; it is counted
             self.errors[f"{type(problem).__name__}: {problem}"[:200]] += 1
             return None

@@ -170,7 +170,7 @@ class PeerRegistry:
 
 
 def _authenticated_key(frame: zmq.Frame) -> str:
-    """Return the key that the doorkeeper admitted the connection of this frame with."""
+    """Return the key with which the authenticator admitted the connection of this frame."""
     try:
         return str(frame.get("User-Id"))
     except zmq.ZMQError:
@@ -255,7 +255,7 @@ class DeviceSessions:
         continues = session != "" and session == current.session
         silent = now_ns - current.last_seen_ns > self._takeover_ns
         if not (hello or continues or silent or not current.sensor):
-            expected = "one speaker at a time: a hello, or the session that is under way"
+            expected = "one sender at a time: a hello, or the session that is under way"
             return AdmissionRefusal(
                 ReplyOutcome.UNAUTHORISED, "device", f"{device!r}, for which another peer speaks", expected
             )

@@ -235,7 +235,7 @@ def randomise_routing_ids() -> None:
 
 
 def require_curve(socket: zmq.Socket[bytes], port: str, engine: KeyPair) -> None:
-    """Let in only peers that speak CURVE and that the doorkeeper admits to ``port``."""
+    """Let in only peers that speak CURVE and that the authenticator admits to ``port``."""
     socket.setsockopt(zmq.CURVE_SERVER, 1)
     socket.setsockopt(zmq.CURVE_SECRETKEY, engine.secret.encode("ascii"))
     socket.setsockopt(zmq.ZAP_DOMAIN, port.encode("ascii"))
@@ -288,7 +288,7 @@ _REBIND_INTERVAL_S: Final = 0.005
 
 
 class PortSockets:
-    """The sockets by port name, with ``doorkeeper`` for libzmq's questions where there are keys.
+    """The sockets by port name, with ``authenticator`` for the ZAP requests of libzmq if there are keys.
 
     Attributes:
         endpoints: where each port is, in full, once it is open.
@@ -365,7 +365,7 @@ class PortSockets:
 
     def close(self, linger_ms: int) -> None:
         """Give the addresses back and close all, after ``linger_ms`` for what is on its way."""
-        # The doorkeeper was there first and leaves last. Nothing is unbound beforehand: that ends connections at once,
+        # The authenticator was opened first and is closed last. Nothing is unbound beforehand: that ends connections,
         # with what they have not delivered. The addresses are free when the context has ended.
         for name, socket in reversed(self._sockets.items()):
             socket.close(linger_ms)

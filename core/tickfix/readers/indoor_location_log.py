@@ -107,7 +107,7 @@ class LogEntry(NamedTuple):
         line: its number in the file, from 1.
         ms: column 1.
         logged_ms: the running maximum of column 1, over lines of all known types.
-        type: one of :data:`USED`.
+        type: one of :data:`EVENT_TYPES`.
         columns: all further columns.
     """
 

@@ -137,7 +137,7 @@ def trainable_choices(pipelines: Iterable[PipelineConfig]) -> tuple[AlgorithmCho
 def train(
     choices: Sequence[AlgorithmChoice], training_data: Survey, seed: int, progress: Progress = no_progress
 ) -> tuple[Mapping[str, TrainedModel], tuple[str, ...]]:
-    """Train each choice; return models by :attr:`~tickfix.config.Choice.model`, and what failed.
+    """Train each choice; return models by :attr:`~tickfix.config.AlgorithmChoice.model`, and what failed.
 
     The random stream is keyed by the model, so that what else is trained changes no model.
     """

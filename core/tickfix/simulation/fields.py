@@ -59,7 +59,7 @@ def draw_field(
     dimensions: int = 3,
     waves: int = 128,
 ) -> RandomField:
-    """Draw a :class:`RandomParameterInfo` in which the correlation falls with the distance d between two places.
+    """Draw a :class:`RandomField` in which the correlation falls with the distance d between two places.
 
     Args:
         rng: what is drawn, is drawn from here.

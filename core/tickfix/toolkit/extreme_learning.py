@@ -1,9 +1,9 @@
 """Extreme learning machines.
 
-[jiang2015] section 4, eqs. (4)-(10): one hidden layer with random weights that are never trained, and output weights from regularised linear least
-squares. First the classifier; then regression, whose number of hidden nodes is chosen by cross-validation: nodes are
-drawn for the largest network and a smaller one is its first L nodes, so HᵀH and HᵀT are summed once per fold and a fold
-is left out by subtraction.
+[jiang2015] section 4, eqs. (4)-(10): one hidden layer with random weights that are never trained, and output weights
+from regularised linear least squares. First the classifier; then regression, whose number of hidden nodes is chosen by
+cross-validation: nodes are drawn for the largest network and a smaller one is its first L nodes, so HᵀH and HᵀT are
+summed once per fold and a fold is left out by subtraction.
 """
 
 from __future__ import annotations

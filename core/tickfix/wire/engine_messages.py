@@ -78,7 +78,7 @@ class ControlRequest(Struct, tag_field="type", tag="request", kw_only=True, froz
     """Asks something of the control port.
 
     Attributes:
-        what: one of :data:`REQUESTS`.
+        what: one of :data:`CONTROL_REQUESTS`.
         args: arguments by name.
     """
 

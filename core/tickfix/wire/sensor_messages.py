@@ -37,7 +37,7 @@ class MessageLimits:
         """Check the limits themselves.
 
         Raises:
-            ValueError: for a limit below 1, or a number of elements above :data:`CEILING`.
+            ValueError: for a limit below 1, or a number of elements above :data:`MAX_ARRAY_LENGTH`.
         """
         for field in fields(self):
             value = getattr(self, field.name)

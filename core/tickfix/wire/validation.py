@@ -117,7 +117,7 @@ _MISSING_PATTERN: Final = re.compile(r"Object missing required field `(.+)`$")
 
 
 def decode_checked(decoder: msgspec.msgpack.Decoder[DecodedT], data: bytes, map_value_type: Any = None) -> DecodedT:
-    """Return what ``decoder`` makes of ``data``; its refusals become :class:`WireErrorControlReply`.
+    """Return ``data`` decoded by ``decoder``; its errors become :class:`WireError`.
 
     Args:
         map_value_type: the type of the values, where a field is a map by name: the path of msgspec does not name which

@@ -60,7 +60,7 @@ _SETTING_ROWS: Final = (
     ("people, phones, magnetic field", "drawn by the simulator with its defaults, no pauses", "chosen"),
     (
         "hold of the phone",
-        "taken anew for each walk: σ 3° in yaw, 4° in pitch, 2° in roll",
+        "drawn for each walk: σ 3° in yaw, 4° in pitch, 2° in roll",
         "chosen: nobody holds alike",
     ),
     ("label points", "every 2 m along the route, tapped with σ 0.1 s", "chosen; labels by volume key are printed"),

@@ -400,7 +400,7 @@ def _about_30_percent_claim(runs: Sequence[SeedRun], why: str = "") -> Claim:
 def _correlation_reason(runs: Sequence[SeedRun]) -> str:
     alike = ", ".join(f"{name} {mean([r.causes.correlation[name] for r in runs]).text(2)}" for name in FINGERPRINTS)
     return (
-        f"Neighbouring results of the twin err little alike (correlation {alike}): fading is drawn anew at each test "
+        f"Neighbouring results of the twin err little alike (correlation {alike}): fading is redrawn at each test "
         "point, so that smoothing helps. Errors that stay the same from point to point would not be smoothed away"
     )
 

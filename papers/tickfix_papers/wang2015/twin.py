@@ -262,7 +262,7 @@ _SETTING_ROWS: Final = (
         f"{POWER_DBM:g} dBm at 1 m: on average ten are heard in a scan at a reference point",
         "chosen to meet Figure 14(b), which shows ten available ones",
     ),
-    ("propagation and magnetic field", "the simulator's defaults, drawn anew by each seed", "chosen: not printed"),
+    ("propagation and magnetic field", "the simulator's defaults, drawn by each seed", "chosen: not printed"),
     (
         "reference points",
         f"60, every {SPACING_M:g} m: a line in corridors, a lattice in the hall",
