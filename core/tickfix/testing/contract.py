@@ -54,7 +54,7 @@ def forbid_outside_calls() -> Iterator[None]:
 
 
 def forbidden_names(cls: type[Any]) -> list[str]:
-    """Return the names that a class's module imported, as ``from time import …``: :func:`forbid_outside_calls` misses those."""
+    """Return the names that a module imported, as ``from time import …``: :func:`forbid_outside_calls` misses those."""
     module = sys.modules.get(cls.__module__)
     known = {
         id(getattr(source, name)): f"{label}.{name}" for source, label, names in _FORBIDDEN_FUNCTIONS for name in names
