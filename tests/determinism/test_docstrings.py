@@ -78,7 +78,7 @@ def test_every_name_that_a_docstring_describes_exists() -> None:
     assert wrong == []
 
 
-OTHER_LIBRARIES = ("mcap.", "struct", "numpy.")
+OTHER_LIBRARIES = ("mcap.", "numpy.", "struct", "tomllib")
 
 
 def test_every_cross_reference_in_a_docstring_leads_somewhere() -> None:
