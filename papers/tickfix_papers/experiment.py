@@ -1,7 +1,4 @@
-"""The experiment of a paper.
-
-Runs it once per seed, on several processes, and collects tables and claims; and the registry of papers.
-"""
+"""The experiment of a paper: runs it once per seed, on several processes, and collects tables and claims."""
 
 from __future__ import annotations
 
@@ -11,11 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
-from tickfix.registry import Registry
-from tickfix.replay.process_pool import parallel_map
+from tickfix.config import Registry
+from tickfix.replay import parallel_map
 from tickfix_papers.reproduction_report import Claim, PaperTable, ProgressCallback, Reproduction, TwinSetting
 
 SeedResult = TypeVar("SeedResult")
@@ -34,9 +30,9 @@ def run_over_seeds(
     Args:
         run: one repetition; everything random in it must come from generators that the seed makes.
         seeds: each once.
-        progress: told after each repetition.
+        progress: called after each repetition.
         label: of the work, for ``progress``.
-        processes: how many work at once, by default as many as there are cores.
+        processes: number of processes, by default the number of cores.
     """
     progress(label, 0, len(seeds))
     results: list[SeedResult] = []
@@ -47,11 +43,11 @@ def run_over_seeds(
 
 
 class SeedRunProtocol(Protocol):
-    """What one seed gives; each paper adds what its tables and claims are about."""
+    """The result of one seed; each paper adds what its tables and claims need."""
 
     @property
     def failures(self) -> Mapping[str, int]:
-        """What failed, and how often."""
+        """Number of failures by kind."""
 
 
 Run = TypeVar("Run", bound=SeedRunProtocol)
@@ -59,15 +55,16 @@ Run = TypeVar("Run", bound=SeedRunProtocol)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment(Generic[Run]):
-    """A paper's experiment: what its module offers as ``EXPERIMENT``.
+    """A paper's experiment, offered through an entry point of the group ``tickfix.experiments``.
 
     Attributes:
-        paper, title: its key, and what is reproduced.
-        run_seed: runs it once, given what the plugins offer and a seed, from which everything random in it comes.
-        twin_settings: the twin.
-        tables, claims: what the repetitions say, beside the paper's figures.
-        pictures: the module whose ``draw(runs, folder)`` draws and returns the files; imported when pictures are asked
-            for, since matplotlib is slow to import.
+        paper, title: the key of the paper, and what is reproduced.
+        run_seed: runs the experiment once; called with the registry of plugins and a seed, from which everything random
+            must come. It must be picklable (a function of a module), since seeds run in several processes.
+        twin_settings: the settings of the simulated twin, each with its source.
+        tables, claims: the results over seeds beside the paper's.
+        pictures: the module whose ``draw(runs, folder)`` draws the paper's figures and returns the files; imported only
+            when pictures are requested, since matplotlib is slow to import. Empty if there is nothing to draw.
     """
 
     paper: str
@@ -76,7 +73,7 @@ class Experiment(Generic[Run]):
     twin_settings: tuple[TwinSetting, ...]
     tables: Callable[[Sequence[Run]], tuple[PaperTable, ...]]
     claims: Callable[[Sequence[Run]], tuple[Claim, ...]]
-    pictures: str
+    pictures: str = ""
 
     def reproduce(
         self,
@@ -87,20 +84,21 @@ class Experiment(Generic[Run]):
         registry: Registry,
         processes: int | None = None,
     ) -> Reproduction:
-        """Run the experiment once per seed and bring the figures together.
+        """Run the experiment once per seed and collect the results.
 
         Args:
-            seeds: at least two; the same ones give the same figures.
-            progress: told how far it is.
-            pictures: folder to draw into, which exists; None draws nothing.
-            registry: what the plugins offer.
-            processes: how many seeds run at once, by default as many as there are cores.
+            seeds: at least two; the same seeds give the same figures.
+            progress: called after each seed.
+            pictures: an existing folder to draw into; None draws nothing.
+            registry: the algorithms that plugins offer.
+            processes: number of processes, by default the number of cores.
 
         Raises:
             SiteError: when something cannot be trained.
             TickfixError: when a pipeline cannot be built.
         """
         runs = run_over_seeds(partial(self.run_seed, registry), seeds, progress, self.paper, processes=processes)
+        drawn = pictures is not None and self.pictures != ""
         failures: Counter[str] = Counter()
         for run in runs:
             failures.update(run.failures)
@@ -111,28 +109,6 @@ class Experiment(Generic[Run]):
             twin_settings=self.twin_settings,
             tables=self.tables(runs),
             claims=self.claims(runs),
-            pictures=() if pictures is None else import_module(self.pictures).draw(runs, pictures),
+            pictures=tuple(import_module(self.pictures).draw(runs, pictures)) if drawn else (),
             failures=dict(sorted(failures.items())),
         )
-
-
-PAPERS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "jiang2015": "tickfix_papers.jiang2015",
-        "sun2013": "tickfix_papers.sun2013",
-        "wang2015": "tickfix_papers.wang2015",
-    }
-)
-"""The module of each paper that offers its ``EXPERIMENT``, in the order in which ``all`` runs them."""
-
-
-def load_experiment(paper: str) -> Experiment[Any]:
-    """Return the experiment of a paper.
-
-    Raises:
-        ValueError: naming the papers there are.
-    """
-    if paper not in PAPERS:
-        raise ValueError(f"paper: found {paper!r}, expected one of {', '.join(PAPERS)}")
-    found: Experiment[Any] = import_module(PAPERS[paper]).EXPERIMENT
-    return found

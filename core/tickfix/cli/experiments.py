@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
-from importlib.metadata import entry_points
+from collections.abc import Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final, Protocol
 
 import typer
+from rich.console import RenderableType
 
 from tickfix.api import ConfigError
 from tickfix.cli.console import print_json, progress, registry, stdout, warn_each
@@ -16,6 +18,8 @@ from tickfix.cli.survey import ConfigFile
 from tickfix.config import load_config
 from tickfix.evaluation.report.terminal import pooled_table
 from tickfix.evaluation.walk_runs import WalkOptions, draw_errors, pool_runs, prepare, run_walks
+from tickfix.registry import Registry
+from tickfix.replay.recording_files import Progress
 from tickfix.replay.site_survey import survey_and_train
 from tickfix.site import save_site
 
@@ -78,7 +82,61 @@ def demo(
 
 
 EXPERIMENTS: Final = "tickfix.experiments"
-"""The entry-point group of experiments: each entry is an object with ``reproduce``, as a paper's ``EXPERIMENT``."""
+"""The entry-point group of experiments; the name of an entry point is the key of the paper."""
+
+
+class PaperExperiment(Protocol):
+    """What an entry point of the group must refer to; ``tickfix_papers.Experiment`` is one implementation."""
+
+    def reproduce(
+        self,
+        seeds: Sequence[int],
+        progress: Progress,
+        pictures: Path | None,
+        *,
+        registry: Registry,
+        processes: int | None,
+    ) -> PaperResult:
+        """Run the experiment once per seed; draw the paper's figures into ``pictures`` if it is given."""
+
+
+class PaperResult(Protocol):
+    """What the command prints of an experiment."""
+
+    @property
+    def paper(self) -> str:
+        """Key of the paper."""
+
+    @property
+    def pictures(self) -> Sequence[Path]:
+        """Files drawn."""
+
+    @property
+    def failures(self) -> Mapping[str, int]:
+        """Number of failed calls by kind; empty in a sound run."""
+
+    def as_json(self) -> Mapping[str, Any]:
+        """Return the object that ``--json`` prints under the key of the paper."""
+
+    def render(self, *, twin_settings: bool) -> RenderableType:
+        """Return tables and claims for the terminal."""
+
+
+def _load_experiment(point: EntryPoint) -> PaperExperiment:
+    """Return the experiment of an entry point.
+
+    Raises:
+        ConfigError: naming package and entry point, when the import fails or the object has no ``reproduce``.
+    """
+    where = f"experiment {point.name!r} of {point.dist.name if point.dist else 'an unknown package'} ({point.value})"
+    try:
+        found = point.load()
+    except Exception as error:  # a third party's import may raise anything
+        raise ConfigError(where, f"{type(error).__name__}: {error}", "a module that can be imported") from error
+    if not callable(getattr(found, "reproduce", None)):
+        raise ConfigError(where, f"a {type(found).__name__} without reproduce()", "an Experiment")
+    experiment: PaperExperiment = found
+    return experiment
 
 
 def reproduce(
@@ -105,13 +163,13 @@ def reproduce(
     plugins = registry()
     if pictures is not None:
         pictures.mkdir(parents=True, exist_ok=True)
-    results, seconds = [], []
+    results: list[PaperResult] = []
+    seconds: list[float] = []
     with progress() as show:
         for name in experiments if paper == "all" else (paper,):
             began = time.perf_counter()
-            result = (
-                experiments[name].load().reproduce(range(seeds), show, pictures, registry=plugins, processes=workers)
-            )
+            experiment = _load_experiment(experiments[name])
+            result = experiment.reproduce(range(seeds), show, pictures, registry=plugins, processes=workers)
             results.append(result)
             seconds.append(time.perf_counter() - began)
     for result in results:

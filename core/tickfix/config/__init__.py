@@ -14,6 +14,8 @@ from tickfix.config.choices import (
     describe_parameters,
 )
 from tickfix.config.parse import STAGES, load_config, parse_config, parse_table
+from tickfix.kernel import Pipeline, Stage
+from tickfix.registry import Registry
 
 __all__ = [
     "STAGES",
@@ -21,8 +23,11 @@ __all__ = [
     "BuiltAlgorithm",
     "Config",
     "ParameterInfo",
+    "Pipeline",
     "PipelineConfig",
+    "Registry",
     "RenamedKeyError",
+    "Stage",
     "build_pipelines",
     "describe_parameters",
     "load_config",

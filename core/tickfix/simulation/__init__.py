@@ -10,8 +10,24 @@ from tickfix.simulation.fields import MagneticField, Magnetism
 from tickfix.simulation.floor_plans import declare_floor, office_floor, rectangle, wall, walls_around
 from tickfix.simulation.pedestrian import PhoneHold, Trajectory, TrueSteps, Walker, draw_walker, walk_route
 from tickfix.simulation.phone_sensors import Phone, draw_phone, perfect_phone
-from tickfix.simulation.radio_channel import AccessPoint, Propagation, Radio, Receiver, SimulatedScan, draw_receiver
-from tickfix.simulation.routes import Route, WalkableGrid, random_route, route_through, survey_routes, walkable_grid
+from tickfix.simulation.radio_channel import (
+    AccessPoint,
+    Propagation,
+    Radio,
+    Receiver,
+    SimulatedScan,
+    draw_receiver,
+    simulate_scans,
+)
+from tickfix.simulation.routes import (
+    Route,
+    WalkableGrid,
+    random_route,
+    round_corners,
+    route_through,
+    survey_routes,
+    walkable_grid,
+)
 from tickfix.simulation.walk_recording import (
     START_NS,
     LoggingSettings,
@@ -52,8 +68,10 @@ __all__ = [
     "place_access_points",
     "random_route",
     "rectangle",
+    "round_corners",
     "route_through",
     "simulate_demo",
+    "simulate_scans",
     "simulate_stationary_scans",
     "simulate_survey",
     "simulate_walk",

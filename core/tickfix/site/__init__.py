@@ -3,7 +3,7 @@
 from tickfix.site.fingerprint_table import FingerprintTable
 from tickfix.site.site import HeldOutWalk, Site, file_sha256, is_site, load_site, save_site
 from tickfix.site.survey_builder import SurveyResult, read_floor_plans, survey_recordings
-from tickfix.site.waypoints import Leg, SurveyTrack, assign_chains, is_held_out, split_into_legs
+from tickfix.site.waypoints import Leg, SurveyTrack, assign_chains, is_held_out, split_into_legs, to_survey_walk
 
 __all__ = [
     "FingerprintTable",
@@ -21,4 +21,5 @@ __all__ = [
     "save_site",
     "split_into_legs",
     "survey_recordings",
+    "to_survey_walk",
 ]

@@ -11,12 +11,9 @@ from typing import Final
 import numpy as np
 
 from tickfix.api import TICK_NS, Estimate, Fix, Floats, Recording, Rng, Scan, SiteError, Survey, TrainedModel
-from tickfix.config import Config, parse_config
-from tickfix.evaluation.walk_runs import prepare
-from tickfix.kernel import Pipeline
-from tickfix.registry import Registry
-from tickfix.replay.driver import ReplayResult, replay_recording
-from tickfix.replay.site_survey import train, trainable_choices
+from tickfix.config import Config, Pipeline, Registry, parse_config
+from tickfix.evaluation import prepare
+from tickfix.replay import ReplayResult, replay_recording, train, trainable_choices
 from tickfix.simulation import SimulatedWalk
 from tickfix.site import Site
 from tickfix_papers.jiang2015.twin import draw_twin

@@ -29,12 +29,12 @@ from tickfix.simulation import (
     draw_phone,
     draw_receiver,
     draw_walker,
+    round_corners,
+    simulate_scans,
     simulate_walk,
     walkable_grid,
 )
-from tickfix.simulation.radio_channel import simulate_scans
-from tickfix.simulation.routes import round_corners
-from tickfix.site.waypoints import to_survey_walk
+from tickfix.site import to_survey_walk
 from tickfix_papers.reproduction_report import TwinSetting
 
 _SETTING_ROWS: Final = (

@@ -15,8 +15,7 @@ from typing import Final
 import numpy as np
 
 from tickfix.api import Bools, Fix, Floats, Readings, Scan
-from tickfix.kernel import Pipeline
-from tickfix.registry import Registry
+from tickfix.config import Pipeline, Registry
 from tickfix_papers.sun2013 import systems, twin
 from tickfix_papers.sun2013.systems import (
     FINGERPRINTS,

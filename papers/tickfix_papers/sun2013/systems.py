@@ -14,11 +14,9 @@ from typing import Any, Final
 import numpy as np
 
 from tickfix.api import Fix, Floats, Floor, Motion, Observation, Prior, Readings, Recording, Scan, SiteError, frozen
-from tickfix.config import parse_config
-from tickfix.evaluation.walk_runs import RunSetup, prepare
-from tickfix.kernel import Pipeline
-from tickfix.registry import Registry
-from tickfix.replay.site_survey import survey_and_train
+from tickfix.config import Pipeline, Registry, parse_config
+from tickfix.evaluation import RunSetup, prepare
+from tickfix.replay import survey_and_train
 from tickfix_papers.sun2013 import twin
 
 
@@ -110,7 +108,7 @@ def configuration(plan: Path, plan_with_walkways: Path) -> str:
     image = f'{{ use = "image", preset = "sun2013", plan = "{plan}", plan_with_walkways = "{plan_with_walkways}" }}'
     filters = {
         FINGERPRINT_ONLY: 'filter = "fixes"',
-        MAP: f'filter = {{ use = "fixes", matched = true }}\nmap = {image}',
+        MAP: f'filter = {{ use = "fixes", map_matching = true }}\nmap = {image}',
         KF: _kalman(),
         KMF: f"{_kalman()}\nmap = {image}",
     }

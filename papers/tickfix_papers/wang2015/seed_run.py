@@ -13,12 +13,9 @@ from typing import Any, Final
 import numpy as np
 
 from tickfix.api import TICK_NS, Estimate, Floats, Motion, MotionSamples, Observation, Readings, SiteError, Window
-from tickfix.config import parse_config
-from tickfix.evaluation.walk_runs import prepare
-from tickfix.kernel import Pipeline, Stage
-from tickfix.registry import Registry
-from tickfix.replay.driver import replay_recording, start_at_first_waypoint
-from tickfix.replay.site_survey import train, trainable_choices
+from tickfix.config import Pipeline, Registry, Stage, parse_config
+from tickfix.evaluation import prepare
+from tickfix.replay import replay_recording, start_at_first_waypoint, train, trainable_choices
 from tickfix.site import Site
 from tickfix_papers.wang2015.twin import FIX_S, Twin, draw_twin
 

@@ -37,8 +37,7 @@ from tickfix.simulation import (
     walkable_grid,
     wall,
 )
-from tickfix.site.survey_builder import survey_recordings
-from tickfix.site.waypoints import to_survey_walk
+from tickfix.site import survey_recordings, to_survey_walk
 from tickfix_papers.reproduction_report import TwinSetting
 
 FLOOR: Final = "F4"

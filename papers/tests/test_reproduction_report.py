@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
 
 import pytest
 from rich.console import Console
 
-from tickfix_papers.experiment import PAPERS, load_experiment
 from tickfix_papers.reproduction_report import PaperTable, Reproduction, TableCell, TwinSetting, render_reproduction
 from tickfix_papers.seed_statistics import decide_claim, exact_value, mean
 
@@ -62,15 +60,3 @@ def test_people_read_both_figures_side_by_side_and_a_line_for_each_claim() -> No
     assert "DOES NOT HOLD  B helps" in text
     assert "holds  They are 91" in text
     assert "[nobody1999] section 4" in text
-
-
-def test_an_unknown_paper_is_told_which_there_are() -> None:
-    with pytest.raises(ValueError, match=", ".join(PAPERS)):
-        load_experiment("nobody1999")
-
-
-@pytest.mark.parametrize("paper", PAPERS)
-def test_every_registered_paper_has_an_experiment_that_can_draw(paper: str) -> None:
-    found = load_experiment(paper)
-    assert found.paper == paper
-    assert callable(import_module(found.pictures).draw)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from subprocess import CompletedProcess
 
-from stored_floor import Command
+Reproduce = Callable[..., CompletedProcess[str]]
 
 
-def test_tables_claims_and_pictures_are_there(tickfix: Command, tmp_path: Path) -> None:
-    done = tickfix("reproduce", "wang2015", "--seeds", "2", "--json", "--pictures", tmp_path)
+def test_tables_claims_and_pictures_are_there(reproduce: Reproduce, tmp_path: Path) -> None:
+    done = reproduce("wang2015", "--seeds", "2", "--json", "--pictures", tmp_path)
     result = json.loads(done.stdout)["wang2015"]
     tables = {table["name"]: table for table in result["tables"]}
     assert list(tables) == ["Table 1", "Table 2", "Table 4", "Table 6", "Table 8", "Tables 6 and 8, undisturbed"]

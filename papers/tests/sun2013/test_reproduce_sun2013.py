@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from stored_floor import Command
 from typer.testing import CliRunner
 
 from tickfix.cli.main import app
@@ -18,7 +17,7 @@ Run = Callable[..., str]
 
 
 @pytest.fixture
-def run(tickfix: Command, monkeypatch: pytest.MonkeyPatch) -> Run:
+def run(monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run the command in this process, with an experiment of [sun2013] cut down to seconds."""
     fewer = {
         "SURVEY_S": 10.0,
@@ -75,8 +74,3 @@ def test_people_get_tables_claims_choices_and_pictures(run: Run, tmp_path: Path)
     text = run("sun2013", "--seeds", "2", "--pictures", tmp_path / "p", "--twin-settings")
     assert all(part in text for part in ("Table 5", "FNCC + KMF", "±", "hold", "reference points", "sun2013-walk.png"))
     assert {path.name for path in (tmp_path / "p").iterdir()} >= {"sun2013-surfaces.png", "sun2013-cdf.png"}
-
-
-def test_an_unknown_paper_and_too_few_seeds_are_told(tickfix: Command) -> None:
-    assert "found 'sun2012'; expected one of" in tickfix("reproduce", "sun2012", code=2).stderr
-    assert "--seeds" in tickfix("reproduce", "sun2013", "--seeds", "1", code=2).stderr

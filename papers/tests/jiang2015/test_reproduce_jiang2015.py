@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import pytest
-from stored_floor import Command
 from typer.testing import CliRunner
 
 from tickfix.cli.main import app
@@ -15,7 +14,7 @@ from tickfix_papers.jiang2015 import seed_run, twin
 
 
 @pytest.fixture
-def smaller(tickfix: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def smaller(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let one person walk at two paces, train networks of few nodes, and draw few particles."""
     monkeypatch.setattr(twin, "PEOPLE", 1)
     monkeypatch.setattr(twin, "PACES", (0.9, 1.1))
