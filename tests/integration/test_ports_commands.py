@@ -85,7 +85,7 @@ def test_status_shows_what_the_engine_says(tickfix: Command, open_hub: Callable[
         "p50 0.4 ms, p99 3.2 ms, max 11.0 ms, count 0",
 
         "accepted 1\u202f000, malformed 3", "filter:x 2", "fusion (primary, running), pdr (disabled)",
-        "measurements   none", "journal        unknown",
+        "measurements     none", "journal          unknown",
     ):  # fmt: skip
         assert text in shown, shown
     assert json.loads(tickfix("status", hub.addresses.control, "--json").stdout) == STATUS
