@@ -125,7 +125,8 @@ class FingerprintEstimator:
 
         NaN where none was. A table holds its own truth; :meth:`evaluate` says how many were located.
         """
-        return -float(self.evaluate(x if y is None else FingerprintTable.of(x, y, transmitters=self.transmitters)).mean)
+        table = x if y is None else FingerprintTable.of(x, y, transmitters=self.transmitters)
+        return 0.0 - float(self.evaluate(table).mean)
 
     def evaluate(self, test: TestData) -> FingerprintEvaluation:
         """Compare fixes with the truth.
