@@ -42,6 +42,7 @@ from tickfix.api.packing import pack, unpack
 from tickfix.api.recordings import Reader, Recording, Sink
 from tickfix.api.run_events import EpochStart, Overrun, Run, StageFault
 from tickfix.api.site import Context, Floor, FloorMap, RadioMap, Survey, SurveyWalk
+from tickfix.api.sources import Source
 from tickfix.api.values import Belief, Component, Estimate, Motion, Observation, Prior, Readings, Report, Status, Window
 
 __all__ = [
@@ -93,6 +94,7 @@ __all__ = [
     "Scan",
     "Sink",
     "SiteError",
+    "Source",
     "StageFault",
     "Stateless",
     "StatelessFingerprint",

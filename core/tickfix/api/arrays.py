@@ -4,6 +4,8 @@ clockwise from +y (north)."""
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Final, TypeAlias, TypeGuard, overload
 
 import numpy as np
@@ -54,6 +56,21 @@ def frozen_ints(name: str, values: ArrayLike, *shape: int | None) -> Ints:
     if array.size and array.dtype.kind not in "iu":
         raise EventError(f"{name}: found {array.dtype}, expected integers")
     return _freeze_checked(name, array, _INT64, shape)
+
+
+NO_VALUES: Final[Mapping[str, Floats]] = MappingProxyType({})
+"""Of readings that have a signal strength only."""
+
+
+def frozen_columns(columns: Mapping[str, ArrayLike], n: int) -> Mapping[str, Floats]:
+    """Return named columns, each (n,) float64, sorted by name and read-only.
+
+    Raises:
+        EventError: naming the column that has another length or is not numeric.
+    """
+    if not columns:
+        return NO_VALUES
+    return MappingProxyType({name: frozen_floats(f"values.{name}", columns[name], n) for name in sorted(columns)})
 
 
 def _is_frozen_as(values: ArrayLike, dtype: np.dtype[Any], shape: tuple[int | None, ...]) -> TypeGuard[NDArray[Any]]:

@@ -15,8 +15,9 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tickfix.api.arrays import Floats, Ints, frozen_floats, frozen_ints
+from tickfix.api.arrays import NO_VALUES, Floats, Ints, frozen_columns, frozen_floats, frozen_ints
 from tickfix.api.errors import EventError
+from tickfix.api.packing import OMIT_EMPTY
 
 TICK_NS: Final = 200_000_000
 """The grid of device time: tick *k* is the instant ``k * TICK_NS`` and closes the interval before it."""
@@ -37,7 +38,13 @@ SENSORS: Final[Mapping[str, tuple[int, str]]] = MappingProxyType(
         "pressure": (1, "hPa"),
     }
 )
-"""Known sensors: the number of columns of a sample and what they hold."""
+"""Sensors that tickfix knows: the number of columns of a sample and what they hold. Others have any name and columns of
+their own, see :class:`tickfix.api.Source`."""
+
+MAX_COLUMNS: Final = 64
+"""Columns of one sample of a sensor at most."""
+
+_NO_RSSI: Final = frozen_floats("rssi_dbm", (), 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +53,7 @@ class Samples:
 
     Attributes:
         t_ns: (n,) int64, device clock.
-        values: (n, c) float64, columns and unit as in :data:`SENSORS`.
+        values: (n, c) float64, columns and unit as in :data:`SENSORS` or the declaration of the sensor.
     """
 
     t_ns: Ints
@@ -74,7 +81,8 @@ class MotionSamples:
     sensor's times strictly increasing and every value finite.
 
     Attributes:
-        sensors: samples by sensor name, see :data:`SENSORS`; a sensor that was silent is absent.
+        sensors: samples by sensor name; a sensor that was silent is absent. Names of :data:`SENSORS` have the columns
+            given there; samples of any other name are carried to the dead-reckoning stage as they are.
         t0_ns, t1_ns: the interval covered; by default from the oldest to the newest sample.
     """
 
@@ -90,14 +98,17 @@ class MotionSamples:
         """Check sensor names and columns, and fill in what the samples imply.
 
         Raises:
-            EventError: for an unknown sensor or a wrong number of columns.
+            EventError: for a known sensor with another number of columns, any other with none or over
+                :data:`MAX_COLUMNS`.
         """
         for name, samples in self.sensors.items():
-            if name not in SENSORS:
-                raise EventError(f"sensors: found {name!r}, expected one of {', '.join(SENSORS)}")
-            columns, unit = SENSORS[name]
-            if samples.values.shape[1] != columns:
-                raise EventError(f"{name}: found {samples.values.shape[1]} columns, expected {columns} ({unit})")
+            found = samples.values.shape[1]
+            if name in SENSORS:
+                columns, unit = SENSORS[name]
+                if found != columns:
+                    raise EventError(f"{name}: found {found} columns, expected {columns} ({unit})")
+            elif len(samples) and not 1 <= found <= MAX_COLUMNS:
+                raise EventError(f"{name}: found {found} columns, expected 1 to {MAX_COLUMNS}")
         object.__setattr__(self, "sensors", MappingProxyType(dict(self.sensors)))
         if UNSET_NS in (self.t0_ns, self.t1_ns):
             self._cover()
@@ -125,18 +136,20 @@ class MotionSamples:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Scan:
-    """What one Wi-Fi or Bluetooth scan heard, each reading at its own time.
+    """What one scan received: signal strengths of Wi-Fi or Bluetooth, ranges to anchors, each reading at its own time.
 
     Attributes:
-        transmitters: n transmitter ids (a BSSID, or a beacon's id).
-        rssi_dbm: (n,) float64, received signal strength in dBm.
+        transmitters: n transmitter ids (a BSSID, a beacon's id, an anchor's).
+        rssi_dbm: (n,) float64, received signal strength in dBm; NaN where there is none, for all readings by default.
         heard_ns: (n,) int64, when each was heard; phones report readings that are many seconds old.
         t_ns: the newest reading's time; must be given for a scan without readings.
-        source: ``"wifi"`` or ``"ble"``.
+        source: what was scanned: ``"wifi"``, ``"ble"``, or any other name, such as ``"uwb"`` or ``"rtt"``.
+        values: further columns by name, each (n,) float64, such as ``range_m``; NaN where a reading has none. A reading
+            is used when its time is possible, none of its numbers is infinite, and one of them at least is not NaN.
     """
 
     transmitters: tuple[str, ...]
-    rssi_dbm: Floats
+    rssi_dbm: Floats = field(default_factory=lambda: _NO_RSSI)
     heard_ns: Ints
     t_ns: int = UNSET_NS
     source: str = "wifi"
@@ -144,6 +157,7 @@ class Scan:
     arrival_ns: int = UNSET_NS
     session: str = ""
     seq: int = 0
+    values: Mapping[str, Floats] = field(default_factory=lambda: NO_VALUES, metadata=OMIT_EMPTY)
 
     def __post_init__(self) -> None:
         """Freeze the arrays and date the scan by its newest reading.
@@ -153,6 +167,10 @@ class Scan:
         """
         n = len(self.transmitters)
         object.__setattr__(self, "transmitters", tuple(self.transmitters))
+        if self.rssi_dbm is _NO_RSSI:
+            object.__setattr__(self, "rssi_dbm", np.full(n, np.nan))
+        if self.values is not NO_VALUES:
+            object.__setattr__(self, "values", frozen_columns(self.values, n))
         object.__setattr__(self, "rssi_dbm", frozen_floats("rssi_dbm", self.rssi_dbm, n))
         object.__setattr__(self, "heard_ns", frozen_ints("heard_ns", self.heard_ns, n))
         if self.t_ns == UNSET_NS:

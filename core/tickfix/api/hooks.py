@@ -4,7 +4,7 @@ A plugin is a module that the entry-point group ``tickfix.plugins`` names. tickf
 calls its hooks through pluggy. There are two groups:
 
 - *Registration*: ``tickfix_register`` offers algorithms, which are ordinary classes
-  (:mod:`tickfix.api.algorithms`).
+  (:mod:`tickfix.api.algorithms`), and ``tickfix_sources`` declares kinds of measurements.
 - *Observers*: all other hooks report on a run, in batches. They return nothing, and whatever they are handed is
   immutable, so no estimate depends on them. A hook may take fewer arguments than it is offered. They are called in the
   thread that runs the engine's loop and delay it by as long as they take: hand slow work to a thread of your own. An
@@ -32,6 +32,7 @@ import pluggy
 from tickfix.api.algorithms import KINDS
 from tickfix.api.events import Fix
 from tickfix.api.run_events import EpochStart, Overrun, Run, StageFault
+from tickfix.api.sources import Source
 from tickfix.api.values import Estimate
 
 API_VERSION: Final = 1
@@ -51,6 +52,18 @@ def tickfix_register() -> Sequence[type[Any]]:  # type: ignore[empty-body]
     Called once, when tickfix starts. Return the classes; each declares its ``kind`` (``"pdr"``,
     ``"fingerprint"``, ``"filter"``, ``"map"``, ``"reader"``, ``"sink"``) and ``name``, by which pipelines choose it.
     A name that another plugin already offers for the same kind is reported, and that class left out.
+
+    Since API version 1.
+    """
+
+
+@hookspec
+def tickfix_sources() -> Sequence[Source]:  # type: ignore[empty-body]
+    """Declare kinds of measurements: further sensors, and scans with columns of their own.
+
+    Called once, when tickfix starts. ``tickfix plugins`` lists them, and events of a declared name are checked where
+    they come in: samples must have as many columns, scans the same columns. Kinds that nobody declares are carried
+    unchecked. A name that another plugin declares already is reported, and that declaration left out.
 
     Since API version 1.
     """

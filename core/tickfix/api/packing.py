@@ -21,6 +21,10 @@ import numpy as np
 
 T = TypeVar("T")
 
+OMIT_EMPTY: Final = MappingProxyType({"tickfix.omit_empty": True})
+"""Metadata of a dataclass field, the last of its class, that is not packed where it is empty: so that what was packed
+before the field existed, and what does without it, has the same bytes."""
+
 _ARRAY: Final = 1
 _DATACLASS: Final = 2
 _DTYPE_KINDS: Final = frozenset("biuf")
@@ -63,7 +67,10 @@ def unpack(data: bytes, like: type[T]) -> T:
         if name not in known:
             raise ValueError(f"found a packed {name}, expected one of {', '.join(sorted(known))}")
         cls = known[name]
-        return cls(**dict(zip((f.name for f in dataclasses.fields(cls)), values, strict=True)))
+        fields = dataclasses.fields(cls)
+        if len(values) == len(fields) - 1 and fields[-1].metadata == OMIT_EMPTY:
+            fields = fields[:-1]
+        return cls(**dict(zip((f.name for f in fields), values, strict=True)))
 
     try:
         value = msgpack.unpackb(data, ext_hook=build, object_hook=MappingProxyType, use_list=False, raw=False)
@@ -122,6 +129,8 @@ def _to_packable(value: Any) -> Any:  # noqa: PLR0911 - one for each type
         return msgpack.unpackb(value.data)  # to its type and bytes: what is in them stays as it is
     if (within := field_values_getter(value.__class__)) is not None:
         fields = [_to_packable(item) for item in within(value)]
+        if fields and not fields[-1] and dataclasses.fields(value)[-1].metadata == OMIT_EMPTY:
+            fields.pop()
         return msgpack.ExtType(_DATACLASS, msgpack.packb([type(value).__qualname__, *fields], use_bin_type=True))
     raise TypeError(f"states hold arrays, numbers, strings, tuples and dataclasses, found {type(value).__name__}")
 

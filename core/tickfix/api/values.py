@@ -10,7 +10,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from tickfix.api.arrays import Floats, Ints, frozen_floats, frozen_ints
+from tickfix.api.arrays import NO_VALUES, Floats, Ints, frozen_columns, frozen_floats, frozen_ints
 from tickfix.api.events import Fix, Scan
 
 
@@ -75,11 +75,12 @@ class Readings:
     Attributes:
         t_ns: the newest scan's time.
         transmitters: n transmitter ids.
-        rssi_dbm: (n,) float64.
+        rssi_dbm: (n,) float64, dBm; NaN for sources without a signal strength.
         heard_ns: (n,) int64.
         scan: (n,) int64, the number of the scan that brought the reading first; 0 is the oldest of the window.
         scan_t_ns: times of the window's scans, oldest first.
-        source: ``"wifi"`` or ``"ble"``.
+        source: of all of them, see :class:`Scan`.
+        values: further columns by name, each (n,) float64; NaN where a reading has none. Empty where no scan has any.
     """
 
     t_ns: int
@@ -89,6 +90,7 @@ class Readings:
     scan: Ints
     scan_t_ns: tuple[int, ...]
     source: str = "wifi"
+    values: Mapping[str, Floats] = field(default_factory=lambda: NO_VALUES)
 
     @staticmethod
     def of(scan: Scan, seconds: float = np.inf) -> Readings:
@@ -103,6 +105,7 @@ class Readings:
             scan=frozen_ints("scan", np.zeros(len(order), np.int64), None),
             scan_t_ns=(scan.t_ns,),
             source=scan.source,
+            values=frozen_columns({name: column[order] for name, column in scan.values.items()}, len(order)),
         )
 
     def __len__(self) -> int:
@@ -117,7 +120,7 @@ class Window:
     Attributes:
         seconds: greatest age of a reading, counted from the newest scan.
         scans: greatest number of scans.
-        sources: kinds of scans.
+        sources: of scans, see :class:`Scan`; a window holds scans of one of them only, that of the newest.
     """
 
     seconds: float = 5.0

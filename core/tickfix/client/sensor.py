@@ -87,21 +87,43 @@ class Sensor(Session):
         return self.send({"type": "motion", "sensors": batches})
 
     def scan(
-        self, transmitters: list[str], rssi_dbm: Any, heard_ns: Any, *, t_ns: int | None = None, source: str = "wifi"
+        self,
+        transmitters: list[str],
+        rssi_dbm: Any,
+        heard_ns: Any,
+        *,
+        t_ns: int | None = None,
+        source: str = "wifi",
+        values: Mapping[str, Any] | None = None,
     ) -> int:
-        """Send what a scan heard, each reading with its own time in ns; return the message's number.
+        """Send what a scan received, each reading with its own time in ns; return the message's number.
 
-        A scan that heard nothing needs its time ``t_ns``.
+        Args:
+            transmitters: n ids.
+            rssi_dbm: n signal strengths in dBm, None for a source that has none.
+            heard_ns: n times.
+            t_ns: time of the scan; one that received nothing needs it.
+            source: such as ``wifi``, ``ble`` or ``uwb``.
+            values: further columns by name, each n numbers, such as ``range_m``.
 
         Raises:
             ClientError, BufferFullError: as :meth:`motion`.
         """
-        (levels, n), (times, m) = pack_float64s("rssi_dbm", rssi_dbm), pack_int64s("heard_ns", heard_ns)
-        if not len(transmitters) == n == m:
-            raise ClientError(f"scan: found {len(transmitters)} transmitters, {n} levels, {m} times; expected as many")
-        fields = {} if t_ns is None else {"t_ns": t_ns}
-        heard = {"transmitters": list(transmitters), "rssi_dbm": levels, "heard_ns": times, "source": source}
-        return self.send({"type": "scan", **heard, **fields})
+        times, n = pack_int64s("heard_ns", heard_ns)
+        if len(transmitters) != n:
+            raise ClientError(f"scan: found {len(transmitters)} transmitters, {n} times; expected as many")
+        columns = {} if rssi_dbm is None else {"rssi_dbm": rssi_dbm}
+        packed: dict[str, Any] = {}
+        for name, column in {**columns, **(values or {})}.items():
+            packed[name], m = pack_float64s(name, column)
+            if m != n:
+                raise ClientError(f"scan: found {n} transmitters, {m} numbers of {name}; expected as many")
+        fields: dict[str, Any] = {} if t_ns is None else {"t_ns": t_ns}
+        fields |= {name: packed.pop(name) for name in columns}
+        fields |= {"values": packed} if packed else {}
+        return self.send(
+            {"type": "scan", "transmitters": list(transmitters), "heard_ns": times, "source": source, **fields}
+        )
 
     def pressure(self, t_ns: int, pressure_hpa: float) -> int:
         """Send one air pressure; return the message's number."""

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from tickfix.api.arrays import Floats, Ints
+from tickfix.api.arrays import Bools, Floats, Ints, frozen_columns
 from tickfix.api.events import LATEST_NS, TICK_NS, Event, Fix, MotionSamples, Pressure, Samples, Scan
 from tickfix.api.values import Readings, Window
 
@@ -43,14 +43,20 @@ def split_event(event: Event, counts: Counter[str]) -> Iterable[Measurement]:
         else:
             counts["invalid"] += 1
     elif isinstance(event, Scan):
-        usable = np.isfinite(event.rssi_dbm) & (event.heard_ns >= 0) & (event.heard_ns <= event.t_ns)
+        usable = _has_numbers(event) & (event.heard_ns >= 0) & (event.heard_ns <= event.t_ns)
         counts["invalid_readings"] += int(len(event) - usable.sum())
         if not _is_valid_time(event.t_ns) or (len(event) and not usable.any()):
             counts["invalid"] += 1
             return
         if not usable.all():
             heard = tuple(t for t, ok in zip(event.transmitters, usable, strict=True) if ok)
-            event = replace(event, transmitters=heard, rssi_dbm=event.rssi_dbm[usable], heard_ns=event.heard_ns[usable])
+            event = replace(
+                event,
+                transmitters=heard,
+                rssi_dbm=event.rssi_dbm[usable],
+                heard_ns=event.heard_ns[usable],
+                values={name: column[usable] for name, column in event.values.items()},
+            )
         yield Measurement(event.t_ns, f"scan {event.source}", event)
     elif isinstance(event, Fix):
         (a, b), (c, d) = event.covariance.tolist()
@@ -59,6 +65,15 @@ def split_event(event: Event, counts: Counter[str]) -> Iterable[Measurement]:
             yield Measurement(event.t_ns, f"fix {event.source}", event)
         else:
             counts["invalid"] += 1
+
+
+def _has_numbers(scan: Scan) -> Bools:
+    """Tell for each reading whether it can be used: something was measured, and nothing is infinite; (n,) bool."""
+    usable: Bools = np.isfinite(scan.rssi_dbm)
+    if scan.values:
+        columns = np.stack([scan.rssi_dbm, *scan.values.values()])
+        usable = np.asarray(np.isfinite(columns).any(axis=0) & ~np.isinf(columns).any(axis=0))
+    return usable
 
 
 def _is_valid_time(t_ns: Any) -> Any:
@@ -73,7 +88,8 @@ def to_rows(values: Floats) -> list[SampleRow]:
 def scan_sort_key(scan: Scan) -> tuple[Any, ...]:
     """Return what scans of a device are ordered by; equal for equal scans."""
     # The number of the message is no part of it: a phone that restarts sends its queue again under new numbers.
-    return (scan.t_ns, scan.source, scan.transmitters, scan.rssi_dbm.tobytes(), scan.heard_ns.tobytes())
+    order = (scan.t_ns, scan.source, scan.transmitters, scan.rssi_dbm.tobytes(), scan.heard_ns.tobytes())
+    return (*order, *((name, column.tobytes()) for name, column in scan.values.items())) if scan.values else order
 
 
 def fix_sort_key(fix: Fix) -> tuple[Any, ...]:
@@ -122,13 +138,15 @@ class TickSamples:
     anything and is put in order when it is read.
 
     Attributes:
+        columns: numbers of each row.
         overflow: samples left out, since this was last taken.
     """
 
-    __slots__ = ("_by_time", "_last_ns", "_n", "_pieces", "overflow")
+    __slots__ = ("_by_time", "_last_ns", "_n", "_pieces", "columns", "overflow")
 
-    def __init__(self) -> None:
-        """Begin empty."""
+    def __init__(self, columns: int = 0) -> None:
+        """Begin empty, for rows of ``columns`` numbers."""
+        self.columns = columns
         self._pieces: list[tuple[Ints, Floats]] = []
         self._last_ns = -1
         self._n = 0
@@ -247,13 +265,19 @@ class RecentScans:
 
 
 def _window_readings(newest: Scan, scans: list[Scan], oldest_ns: int) -> Readings:
-    found: dict[tuple[str, int], tuple[int, float]] = {}
+    found: dict[tuple[str, int], tuple[int, float, int]] = {}
     for number, scan in enumerate(scans):
         heard = zip(scan.transmitters, scan.heard_ns.tolist(), scan.rssi_dbm.tolist(), strict=True)
-        for transmitter, heard_ns, rssi_dbm in heard:
+        for i, (transmitter, heard_ns, rssi_dbm) in enumerate(heard):
             if heard_ns >= oldest_ns:
-                found.setdefault((transmitter, heard_ns), (number, rssi_dbm))
-    rows = sorted((number, heard_ns, name, rssi) for (name, heard_ns), (number, rssi) in found.items())
+                found.setdefault((transmitter, heard_ns), (number, rssi_dbm, i))
+    # Number, time and name differ in every row, so that a NaN is never compared.
+    rows = sorted((number, heard_ns, name, rssi, i) for (name, heard_ns), (number, rssi, i) in found.items())
+    columns = {name for scan in scans for name in scan.values}
+    values = {
+        name: [float(of[row[4]]) if (of := scans[row[0]].values.get(name)) is not None else np.nan for row in rows]
+        for name in columns
+    }
     return Readings(
         t_ns=newest.t_ns,
         transmitters=tuple(row[2] for row in rows),
@@ -262,4 +286,5 @@ def _window_readings(newest: Scan, scans: list[Scan], oldest_ns: int) -> Reading
         scan=np.array([row[0] for row in rows], np.int64),
         scan_t_ns=tuple(scan.t_ns for scan in scans),
         source=newest.source,
+        values=frozen_columns(values, len(rows)),
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import insort
 from collections import Counter
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -37,7 +38,10 @@ _ACTIVE_NS: Final = 1_000_000_000
 _MAX_SCANS_OR_FIXES: Final = 64
 MAX_ADVANCE_NS: Final = 600_000_000_000
 """One message takes a device's clock no further, so that folding what it makes due stays bounded."""
-_MOTION_SENSORS: Final = frozenset(SENSORS) - {"pressure"}
+MOTION_SENSORS: Final = frozenset(SENSORS) - {"pressure"}
+"""Sensors that do not pause while they are on: the watermark waits for them. Of others nobody knows their rate."""
+_MAX_OTHER_SENSORS: Final = 16
+"""Sensors of other names within a tick: of more, the first in the order of their names stand, whatever came first."""
 
 
 @dataclass(slots=True)
@@ -84,7 +88,7 @@ class Timeline:
         """Begin with nothing measured."""
         self._horizon_ns = horizon_ns
         self._counts = counts
-        self._clock = DeviceClock(horizon_ns, _MOTION_SENSORS)
+        self._clock = DeviceClock(horizon_ns, MOTION_SENSORS)
         self._intervals: dict[int, TickMeasurements] = {}
         self._scans = RecentScans()
         self._since: int | None = None
@@ -163,7 +167,7 @@ class Timeline:
         if now_ns is None:
             return None
         since_ns = now_ns - _ACTIVE_NS
-        active = [t for stream, t in self._clock.last_ns.items() if t >= since_ns and stream in _MOTION_SENSORS]
+        active = [t for stream, t in self._clock.last_ns.items() if t >= since_ns and stream in MOTION_SENSORS]
         return min(active, default=now_ns) // TICK_NS
 
     def close(self, tick: int) -> None:
@@ -210,19 +214,19 @@ class Timeline:
 
     def snapshot(self) -> TimelineSnapshot:
         """Return what is kept, as a value."""
-        found: dict[str, list[Samples]] = {}
+        found: dict[tuple[str, int], list[Samples]] = {}
         fixes: list[Fix] = []
         for tick in sorted(self._intervals):
             fixes += self._intervals[tick].fixes
             for name, samples in self._intervals[tick].samples.items():
-                found.setdefault(name, []).append(samples.ordered())
+                found.setdefault((name, samples.columns), []).append(samples.ordered())
         return TimelineSnapshot(
             first=self.first,
             closed=self.closed,
             since=self._since,
             streams=tuple(
                 StreamSnapshot(name, np.concatenate([s.t_ns for s in kept]), np.concatenate([s.values for s in kept]))
-                for name, kept in sorted(found.items())
+                for (name, _), kept in sorted(found.items(), key=itemgetter(0))
             ),
             scans=self._scans.kept,
             fixes=tuple(fixes),
@@ -238,10 +242,11 @@ class Timeline:
             times = stream.t_ns.tolist()
             if is_increasing(times):
                 for tick, begin, end in split_by_tick(times):
-                    self._samples(tick, stream.stream).extend(stream.t_ns[begin:end], stream.rows[begin:end])
+                    samples = self._samples(tick, stream.stream, stream.rows.shape[1])
+                    samples.extend(stream.t_ns[begin:end], stream.rows[begin:end])
                 continue
             for t_ns, row in zip(times, to_rows(stream.rows), strict=True):
-                self._samples(tick_of(t_ns), stream.stream).put(t_ns, row)
+                self._samples(tick_of(t_ns), stream.stream, len(row)).put(t_ns, row)
         for fix in kept.fixes:
             self._interval(tick_of(fix.t_ns)).fixes.append(fix)
         for scan in kept.scans:
@@ -256,11 +261,25 @@ class Timeline:
             interval = self._intervals[tick] = TickMeasurements()
         return interval
 
-    def _samples(self, tick: int, stream: str) -> TickSamples:
+    def _samples(self, tick: int, stream: str, columns: int) -> TickSamples:
+        """Return where samples of a sensor belong; of those that have no place in the tick, a place that is not kept.
+
+        Only sensors of other names than :data:`SENSORS` may have no place. What stands must not depend on the order of
+        arrival: so of rows of different width the narrowest stand, and of too many names the first.
+        """
         sensors = self._interval(tick).samples
         samples = sensors.get(stream)
         if samples is None:
-            samples = sensors[stream] = TickSamples()
+            samples = sensors[stream] = TickSamples(columns)
+            if stream not in SENSORS:
+                others = sorted(name for name in sensors if name not in SENSORS)
+                for name in others[_MAX_OTHER_SENSORS:]:
+                    del sensors[name]
+                    self._counts["overflow"] += 1
+        elif samples.columns > columns:
+            samples = sensors[stream] = TickSamples(columns)
+        elif samples.columns < columns:
+            return TickSamples(columns)
         return samples
 
     @property
@@ -302,7 +321,7 @@ class Timeline:
     def _insert_ordered(self, stream: str, times: list[int], t_ns: Ints, rows: Floats) -> None:
         """Insert samples of one sensor in increasing time, as inserting one by one would; ``times`` are ``t_ns``."""
         for tick, begin, end in split_by_tick(times):
-            samples = self._samples(tick, stream)
+            samples = self._samples(tick, stream, rows.shape[1])
             n_new, changed = samples.extend(t_ns[begin:end], rows[begin:end])
             if samples.overflow:
                 self._counts["overflow"] += samples.take_overflow()
@@ -338,7 +357,7 @@ class Timeline:
         elif isinstance(measurement.content, Fix):
             is_new = self._insert_fix(self._interval(tick), measurement.content, tick)
         else:
-            samples = self._samples(tick, measurement.stream)
+            samples = self._samples(tick, measurement.stream, len(measurement.content))
             is_new, changed = samples.put(measurement.t_ns, measurement.content)
             if samples.overflow:
                 self._counts["overflow"] += samples.take_overflow()

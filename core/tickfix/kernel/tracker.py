@@ -25,7 +25,7 @@ from tickfix.kernel.stages import (
     packed_state,
     unpacked_state,
 )
-from tickfix.kernel.timeline import ChangedTicks, Timeline
+from tickfix.kernel.timeline import MOTION_SENSORS, ChangedTicks, Timeline
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class MotionFold(StageFold[Any, MotionResult]):
         """Fold one tick; None is the state before the first."""
         stage, call, pdr = self._stage, self._call, self._stage.algorithm
         samples = self._timeline.motion(tick)
-        newest = [int(s.t_ns[-1]) for name, s in samples.sensors.items() if name != "pressure"]
+        newest = [int(s.t_ns[-1]) for name, s in samples.sensors.items() if name in MOTION_SENSORS]
         measured_ns = max(newest, default=None)
         if state is None:
             state = call(stage, lambda begun: call.state(stage, begun), pdr.start)

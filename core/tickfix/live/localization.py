@@ -206,6 +206,9 @@ def cache_key(state: Any, window: Readings) -> bytes:
     digest.update(repr(parts).encode("utf-8", "surrogatepass"))
     for array in (window.rssi_dbm, window.heard_ns, window.scan):
         digest.update(array.tobytes())
+    for name, column in window.values.items():
+        digest.update(name.encode("utf-8", "surrogatepass"))
+        digest.update(column.tobytes())
     return digest.digest()
 
 

@@ -22,10 +22,9 @@ from tickfix.wire import (
     decode_message,
     message_to_event,
     unknown_fields,
-    unknown_sensors,
 )
 from tickfix.wire.engine_messages import AckReply, ErrorReply, WelcomeReply, encode_engine_message, error_reply
-from tickfix.wire.sensor_messages import FixMessage, MotionMessage, TruthMessage
+from tickfix.wire.sensor_messages import FixMessage, TruthMessage
 
 _SEND_LAST: Final = int(zmq.NOBLOCK)
 _SEND_MORE: Final = int(zmq.NOBLOCK | zmq.SNDMORE)
@@ -191,7 +190,7 @@ class SensorsPort:
         if refusal is None:
             incoming = InboundMessage(event, peer, message.ack, now_ns, len(body))
             if self._inbound_queue.try_put(incoming):
-                self._count_unknown(message, body)
+                self._count_unknown(body)
                 return None
             refusal = AdmissionRefusal(
                 ReplyOutcome.BUSY, "message", "more than the engine can take in now", "the same message later"
@@ -223,11 +222,9 @@ class SensorsPort:
             sensor=not isinstance(message, FixMessage | TruthMessage),
         )
 
-    def _count_unknown(self, message: DeviceMessage, body: bytes) -> None:
+    def _count_unknown(self, body: bytes) -> None:
         if unknown := unknown_fields(body):
             self._intake.count_unknown("fields", len(unknown))
-        if isinstance(message, MotionMessage) and (sensors := unknown_sensors(message)):
-            self._intake.count_unknown("sensors", len(sensors))
 
     def _throttle_notice_due(self, peer: Peer, now_ns: int) -> bool:
         """Whether the peer was not told for a second that it is throttled."""

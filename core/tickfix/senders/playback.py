@@ -165,7 +165,7 @@ def _send_event(sensor: Sensor, event: Event) -> None:
         sensor.motion({name: (s.t_ns, s.values) for name, s in event.sensors.items()})
     elif isinstance(event, Scan):
         scanned = list(event.transmitters)
-        sensor.scan(scanned, event.rssi_dbm, event.heard_ns, t_ns=event.t_ns, source=event.source)
+        sensor.scan(scanned, event.rssi_dbm, event.heard_ns, t_ns=event.t_ns, source=event.source, values=event.values)
     elif isinstance(event, Pressure):
         sensor.pressure(event.t_ns, event.pressure_hpa)
     elif isinstance(event, Fix):

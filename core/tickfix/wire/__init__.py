@@ -35,7 +35,6 @@ from tickfix.wire.event_codec import (
     event_to_message,
     message_to_event,
     unknown_fields,
-    unknown_sensors,
 )
 from tickfix.wire.sensor_messages import OLDEST_VERSION, VERSION, Bye, DeviceMessage, Hello, MessageLimits
 from tickfix.wire.validation import ReplyOutcome, WireError
@@ -76,5 +75,4 @@ __all__ = [
     "stream_topics",
     "topic_segment",
     "unknown_fields",
-    "unknown_sensors",
 ]

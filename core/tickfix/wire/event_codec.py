@@ -50,6 +50,8 @@ def check_texts(message: DeviceMessage, max_chars: int) -> None:
     text = "".join(_TEXT_GETTERS[type(message)](message))
     if isinstance(message, sensor_messages.MotionMessage | sensor_messages.Hello):
         text += "".join(message.sensors)
+    elif isinstance(message, sensor_messages.ScanMessage) and message.values:
+        text += "".join(message.values)
     longest = max(map(len, message.transmitters), default=0) if isinstance(message, sensor_messages.ScanMessage) else 0
     # No control character is printable, and if all together are not too long, none is.
     if not text.isprintable() or len(text) > max_chars or longest > max_chars:
@@ -63,6 +65,8 @@ def _raise_for_texts(message: DeviceMessage, max_chars: int) -> None:
     ]
     if isinstance(message, sensor_messages.MotionMessage | sensor_messages.Hello):
         texts.extend(("sensors", name) for name in message.sensors)
+    elif isinstance(message, sensor_messages.ScanMessage):
+        texts.extend(("values", name) for name in message.values)
     for name, text in texts:
         # They are shown on terminals and written to logs, where a control character could pretend to be anything.
         if _CONTROL_CHARACTERS.search(text):
@@ -83,7 +87,11 @@ _VERSION_BYTES: Final = frozenset(map(msgspec.msgpack.encode, range(OLDEST_VERSI
 """Types and versions as most peers write them."""
 
 _KNOWN_FIELDS: Final = {name: {"type", *kind.__struct_fields__} for name, kind in _MESSAGE_TYPES.items()}
-_MAP_VALUE_TYPES: Final[Mapping[str, Any]] = {"motion": sensor_messages.SensorSamples, "hello": float}
+_MAP_VALUE_TYPES: Final[Mapping[str, Any]] = {
+    "motion": sensor_messages.SensorSamples,
+    "scan": sensor_messages.FloatArray,
+    "hello": float,
+}
 
 
 def decode_message(data: bytes, limits: MessageLimits) -> DeviceMessage:
@@ -160,7 +168,6 @@ def _scalar_field(raw: Mapping[str, msgspec.Raw], field: str) -> object:
 
 _EVENT_ENCODER: Final = msgspec.msgpack.Encoder(order="deterministic")  # keys sorted
 _LITTLE: Final = sys.byteorder == "little"
-_SENSOR_FIELD_PATHS: Final = {name: (f"sensors.{name}.t_ns", f"sensors.{name}.values") for name in SENSORS}
 
 
 def encode_event(event: Event) -> bytes:
@@ -203,8 +210,6 @@ def event_to_message(event: Event, *, ack: bool = False) -> bytes:
 def message_to_event(message: DeviceMessage, arrival_ns: int) -> Event:
     """Return the event in a message, arrived at ``arrival_ns`` (wall clock, ns).
 
-    Sensors of a name unknown here are left out, as unknown fields are; see :func:`unknown_sensors`.
-
     Raises:
         WireError: where arrays do not fit together, or nothing of the message is known.
         TypeError: for a ``hello`` or ``bye``, which contain no event.
@@ -241,11 +246,6 @@ def check_received_event(event: Event) -> None:
         raise WireError("xy", f"{event.xy.tolist()}", "finite numbers, metres")
 
 
-def unknown_sensors(message: sensor_messages.MotionMessage) -> tuple[str, ...]:
-    """Return the names of sensors that are not known here, to be counted."""
-    return tuple(name for name in message.sensors if name not in SENSORS)
-
-
 def _build_event(message: DeviceMessage, arrival_ns: int) -> Event:
     match message:
         case sensor_messages.MotionMessage():
@@ -279,14 +279,12 @@ def _build_motion(
 ) -> MotionSamples:
     sensors: dict[str, Samples] = {}
     for name, batch in message.sensors.items():
-        if name in SENSORS:
-            t_field, values_field = _SENSOR_FIELD_PATHS[name]
-            t_ns = decode_times(t_field, batch.t_ns)
-            values = decode_float_rows(values_field, batch.values, len(t_ns), SENSORS[name][0])
-            of_bin = _LITTLE and isinstance(batch.t_ns, bytes) and isinstance(batch.values, bytes)
-            sensors[name] = _samples_of_bin(t_ns, values) if of_bin else Samples(t_ns, values)
-    if message.sensors and not sensors:
-        raise WireError("sensors", short_repr(next(iter(message.sensors))), " | ".join(SENSORS), ReplyOutcome.UNKNOWN)
+        known = SENSORS.get(name)
+        t_ns = decode_times(f"sensors.{name}.t_ns", batch.t_ns)
+        columns = None if known is None else known[0]
+        values = decode_float_rows(f"sensors.{name}.values", batch.values, len(t_ns), columns)
+        of_bin = _LITTLE and isinstance(batch.t_ns, bytes) and isinstance(batch.values, bytes)
+        sensors[name] = _samples_of_bin(t_ns, values) if of_bin else Samples(t_ns, values)
     return MotionSamples(sensors=sensors, t0_ns=t0_ns, t1_ns=t1_ns, **_common_fields(message, arrival_ns))
 
 
@@ -305,12 +303,16 @@ def _build_scan(message: sensor_messages.ScanMessage, arrival_ns: int) -> api.Sc
         raise WireError("heard_ns", f"{len(heard_ns)} elements", f"{n}, one for every transmitter")
     if n == 0 and message.t_ns is None:
         raise WireError("t_ns", "nothing", "the time of a scan without readings")
+    optional_fields: dict[str, Any] = {}
+    if not isinstance(message.rssi_dbm, msgspec.UnsetType):
+        optional_fields["rssi_dbm"] = decode_floats("rssi_dbm", message.rssi_dbm, n)
     return api.Scan(
         transmitters=tuple(message.transmitters),
-        rssi_dbm=decode_floats("rssi_dbm", message.rssi_dbm, n),
         heard_ns=heard_ns,
         source=message.source,
         t_ns=UNSET_NS if message.t_ns is None else message.t_ns,
+        values={name: decode_floats(f"values.{name}", column, n) for name, column in message.values.items()},
+        **optional_fields,
         **_common_fields(message, arrival_ns),
     )
 
@@ -341,6 +343,8 @@ def _message_fields(event: Event) -> dict[str, Any]:
         case api.Scan():
             fields |= {"type": "scan", "transmitters": event.transmitters, "source": event.source}
             fields |= {"rssi_dbm": encode_array(event.rssi_dbm), "heard_ns": encode_array(event.heard_ns)}
+            if event.values:  # left out where there are none: the bytes of older journals stay what they were
+                fields |= {"values": {name: encode_array(column) for name, column in event.values.items()}}
         case api.Pressure():
             fields |= {"type": "pressure", "pressure_hpa": float(event.pressure_hpa)}
         case api.Fix():

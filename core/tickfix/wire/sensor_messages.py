@@ -9,7 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Annotated, Final, TypeAlias
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from tickfix.api.events import MAX_COLUMNS
 
 MAX_ARRAY_LENGTH: Final = 65_536
 """No list of a message may be longer, whatever the limits are: arrays this long are refused before they are built."""
@@ -64,7 +66,7 @@ UInt63: TypeAlias = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 TimeArray: TypeAlias = bytes | Annotated[list[WireTime], Meta(max_length=MAX_ARRAY_LENGTH)]
 FloatArray: TypeAlias = bytes | Annotated[list[float], Meta(max_length=MAX_ARRAY_LENGTH)]
 FloatRows: TypeAlias = (
-    bytes | Annotated[list[Annotated[list[float], Meta(max_length=16)]], Meta(max_length=MAX_ARRAY_LENGTH)]
+    bytes | Annotated[list[Annotated[list[float], Meta(max_length=MAX_COLUMNS)]], Meta(max_length=MAX_ARRAY_LENGTH)]
 )
 TextArray: TypeAlias = Annotated[list[str], Meta(max_length=MAX_ARRAY_LENGTH)]
 
@@ -106,7 +108,7 @@ class SensorSamples(Struct, kw_only=True, frozen=True):
 
     Attributes:
         t_ns: n times in ns, on the device's clock.
-        values: n rows, columns and units as in :data:`tickfix.api.SENSORS`.
+        values: n rows, columns and units as in :data:`tickfix.api.SENSORS` or the declaration of the sensor.
     """
 
     t_ns: TimeArray
@@ -117,7 +119,7 @@ class MotionMessage(SensorMessage, tag="motion", kw_only=True, frozen=True):
     """Samples of motion sensors, each with its own times.
 
     Attributes:
-        sensors: samples by sensor name.
+        sensors: samples by sensor name, known or not.
         arrival_ns, t0_ns, t1_ns: in the journal only; ignored in messages of a device.
     """
 
@@ -128,20 +130,22 @@ class MotionMessage(SensorMessage, tag="motion", kw_only=True, frozen=True):
 
 
 class ScanMessage(SensorMessage, tag="scan", kw_only=True, frozen=True):
-    """What one Wi-Fi or Bluetooth scan heard.
+    """What one scan received: signal strengths, ranges …
 
     Attributes:
         transmitters: n ids.
-        rssi_dbm: n received signal strengths in dBm.
+        rssi_dbm: n received signal strengths in dBm; NaN, or all left out, where there are none.
         heard_ns: n times in ns, when each was heard.
         t_ns: time of the scan; by default that of the newest reading.
-        source: ``wifi`` or ``ble``.
+        source: ``wifi``, ``ble``, or any other name, such as ``uwb``.
+        values: further columns by name, each n numbers, such as ``range_m``.
         arrival_ns: in the journal only.
     """
 
     transmitters: TextArray
-    rssi_dbm: FloatArray
     heard_ns: TimeArray
+    rssi_dbm: FloatArray | UnsetType = UNSET
+    values: Annotated[dict[str, FloatArray], Meta(max_length=16)] = {}
     t_ns: WireTime | None = None
     source: str = "wifi"
     arrival_ns: Int64 | None = None

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from tickfix.api import Floats, Ints, TickfixError
+from tickfix.api.events import MAX_COLUMNS
 from tickfix.wire.sensor_messages import OLDEST_VERSION, VERSION
 
 
@@ -41,7 +42,7 @@ class ReplyOutcome(StrEnum):
     THROTTLED = "throttled"
     """The peer sends more than its rate limit allows."""
     UNKNOWN = "unknown"
-    """A type, version or sensor that this version does not know."""
+    """A type or version that is not known here."""
 
 
 class WireError(TickfixError):
@@ -272,12 +273,14 @@ def decode_floats(field: str, value: bytes | list[float], length: int | None = N
     return array
 
 
-def decode_float_rows(field: str, value: bytes | list[list[float]], n: int, columns: int) -> Floats:
-    """Return (n, columns) float64.
+def decode_float_rows(field: str, value: bytes | list[list[float]], n: int, columns: int | None) -> Floats:
+    """Return (n, columns) float64; where ``columns`` is None, as many as there are.
 
     Raises:
         WireError: for another number of rows or columns, naming the first row that is wrong.
     """
+    if columns is None:
+        columns = _count_columns(field, value, n)
     if isinstance(value, bytes):
         flat: Floats = _decode_bin(field, value, _FLOAT64)
         if len(flat) != n * columns:
@@ -289,6 +292,20 @@ def decode_float_rows(field: str, value: bytes | list[list[float]], n: int, colu
         if len(row) != columns:
             raise WireError(f"{field}[{i}]", f"{len(row)} columns", str(columns))
     return np.array(value, dtype=np.float64).reshape(n, columns)
+
+
+def _count_columns(field: str, value: bytes | list[list[float]], n: int) -> int:
+    if n == 0:
+        return 0
+    if not isinstance(value, bytes):
+        columns = len(value[0]) if value else 0
+    elif len(value) % (8 * n):
+        raise WireError(field, f"{len(value)} bytes", f"a multiple of {n} × 8, a row for every time")
+    else:
+        columns = len(value) // (8 * n)
+    if not 1 <= columns <= MAX_COLUMNS:
+        raise WireError(field, f"{columns} columns", f"1 to {MAX_COLUMNS}")
+    return columns
 
 
 def _decode_bin(field: str, value: bytes, dtype: np.dtype[Any]) -> Any:

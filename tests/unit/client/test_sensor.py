@@ -106,7 +106,7 @@ def test_other_arrays_of_numpy_are_converted(link, dtype):
         (lambda s: s.motion({"gyroscope": ([2**63], [[1, 2, 3]])}), "expected integers of 64 bits"),
         (lambda s: s.motion({"gyroscope": ([1], ["abc"])}), "expected a row of numbers"),
         (lambda s: s.scan(["a"], ["x"], [1]), "rssi_dbm: found 'x'; expected a row"),
-        (lambda s: s.scan(["a"], [1.0, 2.0], [1]), "found 1 transmitters, 2 levels, 1 times"),
+        (lambda s: s.scan(["a"], [1.0, 2.0], [1]), "found 1 transmitters, 2 numbers of rssi_dbm"),
     ],
 )
 def test_what_cannot_be_sent_is_named_and_takes_no_number(link, call, text):

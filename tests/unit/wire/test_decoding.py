@@ -126,7 +126,7 @@ def test_a_message_cut_short_is_malformed(event, data):
         (SCAN | {"transmitters": ["a", "b" * 300]}, "transmitters[1]", "300 characters", "at most 256"),
         (motion(values=[[1, 2, "3"]]), "sensors.gyroscope.values[0][2]", "'3'", "float"),
         (motion(values=[1, 2, 3]), "sensors.gyroscope.values[0]", "1", "array"),
-        (motion(values=[[0] * 17]), "sensors.gyroscope.values[0]", "an array that is longer", "array of length <= 16"),
+        (motion(values=[[0] * 65]), "sensors.gyroscope.values[0]", "an array that is longer", "array of length <= 64"),
         (motion(t_ns="now"), "sensors.gyroscope.t_ns", "'now'", "bytes | array"),
         (motion() | {"sensors": []}, "sensors", "an array", "object"),
         (motion() | {"sensors": {"gyroscope": {}}}, "sensors.gyroscope.t_ns", "nothing", "the field"),

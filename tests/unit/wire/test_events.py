@@ -22,7 +22,6 @@ from tickfix.wire import (
     encode_event,
     event_to_message,
     message_to_event,
-    unknown_sensors,
 )
 
 LIMITS = MessageLimits()
@@ -120,14 +119,67 @@ def test_a_fix_without_covariance_has_that_of_the_api():
     assert content(event) == content(Fix(t_ns=1, floor="F1", xy=[1.0, 2.0], device="d", arrival_ns=1))
 
 
-def test_an_unknown_sensor_is_left_out_and_can_be_counted():
-    light = {"t_ns": [1], "values": [[300.0]]}
-    sent = message(type="motion", sensors={"light": light, "pressure": {"t_ns": [1], "values": [[1000.0]]}})
-    assert list(message_to_event(sent, 1).sensors) == ["pressure"]
-    assert unknown_sensors(sent) == ("light",)
-    with pytest.raises(WireError, match="found 'light'; expected accelerometer") as caught:
-        message_to_event(message(type="motion", sensors={"light": light}), 1)
-    assert caught.value.outcome is ReplyOutcome.UNKNOWN
+def test_a_sensor_of_any_name_is_carried_with_the_columns_that_it_has():
+    lists = {"t_ns": [1, 2], "values": [[300.0, 1.0], [310.0, 0.5]]}
+    raw = {"t_ns": np.array([1, 2]).tobytes(), "values": np.array(lists["values"]).tobytes()}
+    pressure = {"t_ns": [1], "values": [[1000.0]]}
+    one, other = (
+        message_to_event(message(type="motion", sensors={"light": s, "pressure": pressure}), 1) for s in (lists, raw)
+    )
+    assert one.sensors["light"].values.tolist() == lists["values"]
+    assert encode_event(one) == encode_event(other)
+    again = decode_event(encode_event(one))
+    assert encode_event(again) == encode_event(one)
+    assert again.sensors["light"].values.shape == (2, 2)
+
+
+def test_a_sensor_of_any_name_without_samples_keeps_its_bytes():
+    event = MotionSamples(sensors={"light": Samples([], np.zeros((0, 3)))}, t0_ns=1, t1_ns=1, arrival_ns=1)
+    assert encode_event(decode_event(encode_event(event))) == encode_event(event)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ([[1.0], [1.0, 2.0]], "sensors.light.values[1]: found 2 columns; expected 1"),
+        ([[1.0]], "sensors.light.values: found 1 rows; expected 2, one for every time"),
+        ([[], []], "sensors.light.values: found 0 columns; expected 1 to 64"),
+        (bytes(24), "sensors.light.values: found 24 bytes; expected a multiple of 2 × 8, a row for every time"),
+        (bytes(2 * 65 * 8), "sensors.light.values: found 65 columns; expected 1 to 64"),
+    ],
+)
+def test_columns_of_a_sensor_of_any_name_that_do_not_fit_are_named(values, text):
+    with pytest.raises(WireError) as caught:
+        message_to_event(message(type="motion", sensors={"light": {"t_ns": [1, 2], "values": values}}), 1)
+    assert str(caught.value) == text
+
+
+def test_a_scan_without_signal_strengths_carries_the_columns_that_it_has():
+    ranges = {"range_m": [3.5, float("nan")], "range_sigma_m": np.array([0.1, 0.2]).tobytes()}
+    sent = message(type="scan", transmitters=["a1", "a2"], heard_ns=[1, 2], source="uwb", values=ranges)
+    event = message_to_event(sent, 3)
+    assert event.source == "uwb"
+    assert np.isnan(event.rssi_dbm).all()
+    np.testing.assert_array_equal(event.values["range_m"], [3.5, np.nan])
+    assert event.values["range_sigma_m"].tolist() == [0.1, 0.2]
+    again = decode_event(encode_event(event))
+    assert encode_event(again) == encode_event(event)
+    assert message_to_event(decode_message(event_to_message(event), MessageLimits()), 3).values.keys() == ranges.keys()
+
+
+def test_a_scan_without_further_columns_has_the_bytes_that_it_always_had():
+    event = Scan(transmitters=("a",), rssi_dbm=[-60.0], heard_ns=[5], device="d", session="s", seq=1)
+    assert encode_event(event).hex() == (
+        "8baa6172726976616c5f6e7305a6646576696365a164a868656172645f6e73c4080500000000000000a8727373695f64626dc408"
+        "0000000000004ec0a373657101a773657373696f6ea173a6736f75726365a477696669a4745f6e7305ac7472616e736d69747465"
+        "727391a161a474797065a47363616ea17601"
+    )
+
+
+def test_a_column_of_a_scan_that_does_not_fit_is_named():
+    sent = message(type="scan", transmitters=["a"], heard_ns=[1], values={"range_m": [1.0, 2.0]})
+    with pytest.raises(WireError, match=r"^values.range_m: found 2 elements; expected 1$"):
+        message_to_event(sent, 1)
 
 
 @pytest.mark.parametrize(

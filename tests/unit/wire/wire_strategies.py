@@ -33,9 +33,10 @@ def common(text, name):
 def motions(draw, text, name):
     """Return motion samples of some sensors."""
     sensors = {}
-    for sensor in draw(st.lists(st.sampled_from(sorted(SENSORS)), unique=True)):
+    for sensor in draw(st.lists(st.sampled_from([*sorted(SENSORS), "light"]), unique=True)):
         n = draw(st.integers(0, 4))
-        sensors[sensor] = Samples(draw(ints(n)), draw(floats(n, SENSORS[sensor][0])))
+        columns = SENSORS[sensor][0] if sensor in SENSORS else draw(st.integers(1, 5)) if n else 0
+        sensors[sensor] = Samples(draw(ints(n)), draw(floats(n, columns)))
     return MotionSamples(sensors=sensors, t0_ns=draw(INT64), t1_ns=draw(INT64), **draw(common(text, name)))
 
 
@@ -49,6 +50,7 @@ def scans(draw, text, name):
         heard_ns=draw(ints(n)),
         t_ns=draw(INT64),
         source=draw(text),
+        values=draw(st.dictionaries(text, floats(n), max_size=2)),
         **draw(common(text, name)),
     )
 
