@@ -14,8 +14,10 @@ import pluggy
 
 from tickfix.api import EpochStart, Estimate, Fix, Overrun, Run, StageFault, hooks
 
+_REGISTRATION_HOOKS: Final = frozenset({hooks.tickfix_register.__name__, hooks.tickfix_sources.__name__})
+
 OBSERVER_HOOKS: Final = tuple(
-    name for name in vars(hooks) if name.startswith("tickfix_") and name != hooks.tickfix_register.__name__
+    name for name in vars(hooks) if name.startswith("tickfix_") and name not in _REGISTRATION_HOOKS
 )
 """Names of the hooks that report on a run, in the order in which they are specified."""
 

@@ -11,7 +11,7 @@ import contextlib
 import difflib
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
@@ -23,6 +23,7 @@ from tickfix.api import hooks
 from tickfix.api.algorithms import KINDS
 from tickfix.api.errors import PluginError
 from tickfix.api.hooks import check_algorithm_class
+from tickfix.api.sources import Source
 from tickfix.observers import OBSERVER_HOOKS, Observers, hook_manager
 
 _OWN_DISTRIBUTION: Final = "tickfix"
@@ -51,6 +52,22 @@ class Offer:
     def label(self) -> str:
         """``kind:name``, as the command line calls it."""
         return f"{self.kind}:{self.name}"
+
+    @property
+    def origin(self) -> str:
+        """The plugin it came from, as messages name it."""
+        return _plugin_label(self.plugin, self.value, self.distribution, self.version)
+
+
+@dataclass(frozen=True, slots=True)
+class DeclaredSource:
+    """A kind of measurement that a plugin declares, and which installed package it came from."""
+
+    source: Source
+    plugin: str
+    distribution: str
+    version: str
+    value: str = ""
 
     @property
     def origin(self) -> str:
@@ -88,6 +105,7 @@ class Registry:
     Attributes:
         problems: what was left out.
         observers: calls the hooks of plugins that watch runs.
+        declared: kinds of measurements that plugins declare, by name.
     """
 
     def __init__(
@@ -95,10 +113,12 @@ class Registry:
         offers: Iterable[Offer] = (),
         problems: Iterable[PluginProblem] = (),
         observers: Observers | None = None,
+        declared: Iterable[DeclaredSource] = (),
     ) -> None:
         """Keep the offers by kind and name."""
         self._offers = {(offer.kind, offer.name): offer for offer in offers}
         self.problems = tuple(problems)
+        self.declared = {one.source.name: one for one in sorted(declared, key=lambda one: one.source.name)}
         self.observers = Observers() if observers is None else observers
 
     def get(self, kind: str, name: str) -> Offer:
@@ -121,6 +141,11 @@ class Registry:
         return tuple(offer for key, offer in sorted(self._offers.items()) if key[0] == kind)
 
     @property
+    def sources(self) -> Mapping[str, Source]:
+        """The kinds of measurements that plugins declare, by name, to check events with."""
+        return {name: one.source for name, one in self.declared.items()}
+
+    @property
     def offers(self) -> tuple[Offer, ...]:
         """All offers, by kind in the order of :data:`~tickfix.api.algorithms.KINDS`, then by name."""
         return tuple(offer for kind in KINDS for offer in self.of_kind(kind))
@@ -132,6 +157,7 @@ def discover(found: Sequence[EntryPoint] | None = None) -> Registry:
     manager = pluggy.PluginManager("tickfix")
     manager.add_hookspecs(hooks)
     offers: dict[tuple[str, str], Offer] = {}
+    declared: dict[str, DeclaredSource] = {}
     problems: list[PluginProblem] = []
     modules: dict[str, ModuleType] = {}
     # An entry point that a distribution lists twice is one.
@@ -145,15 +171,18 @@ def discover(found: Sequence[EntryPoint] | None = None) -> Registry:
                 if known is not None:
                     problem = f"names module {point.value}, which is registered already as {known}"
                     raise PluginError(point.name, problem, "Remove one of the two entry points")  # noqa: TRY301
-                for cls in _register(label, point, module):
+                classes, sources = _register(label, point, module)
+                for cls in classes:
                     _add_offer(cls, point, offers, problems)
+                for source in sources:
+                    _add_source(source, point, declared, problems)
             modules[label] = module
         except PluginError as error:
             _, distribution, name, value = key
             problems.append(PluginProblem(name, error.problem, error.fix, value, distribution, _distribution(point)[1]))
     # Those that only register are not kept: calling their hooks costs time in every round.
     watching = {label: module for label, module in modules.items() if any(hasattr(module, h) for h in OBSERVER_HOOKS)}
-    return Registry(offers.values(), problems, Observers(watching))
+    return Registry(offers.values(), problems, Observers(watching), declared.values())
 
 
 def _discovery_key(point: EntryPoint) -> tuple[bool, str, str, str]:
@@ -192,21 +221,27 @@ def _import(point: EntryPoint) -> Any:
     return module
 
 
-def _register(label: str, point: EntryPoint, module: Any) -> list[Any]:
-    """Register a module with pluggy and return what its ``tickfix_register`` returns, nothing if it has none."""
+def _register(label: str, point: EntryPoint, module: Any) -> tuple[list[Any], list[Any]]:
+    """Register a module with pluggy and return the classes and the sources that its hooks return, empty without one."""
     try:
         manager = hook_manager(module, label)
     except pluggy.PluginValidationError as error:
         problem = " ".join(str(error).split())
         raise PluginError(point.name, problem, "Take no arguments but those of the hook's specification") from error
+    return (
+        _collect(point, manager, hooks.tickfix_register.__name__, "classes"),
+        _collect(point, manager, hooks.tickfix_sources.__name__, "tickfix.api.Source"),
+    )
+
+
+def _collect(point: EntryPoint, manager: pluggy.PluginManager, hook: str, what: str) -> list[Any]:
     try:
-        return [cls for classes in manager.hook.tickfix_register() for cls in classes]
+        return [one for returned in getattr(manager.hook, hook)() for one in returned]
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        problem = f"tickfix_register failed: {_describe(error)}"
-        fix = "It takes no arguments and returns a list of classes"
-        raise PluginError(point.name, problem, fix) from error
+        problem = f"{hook} failed: {_describe(error)}"
+        raise PluginError(point.name, problem, f"It takes no arguments and returns a list of {what}") from error
 
 
 def _describe(error: BaseException) -> str:
@@ -267,3 +302,18 @@ def _add_offer(
         problems.append(PluginProblem(point.name, problem, fix, point.value, distribution, version))
         return
     offers[key] = Offer(cls.kind, cls.name, cls, point.name, distribution, version, point.value)
+
+
+def _add_source(
+    source: Any, point: EntryPoint, declared: dict[str, DeclaredSource], problems: list[PluginProblem]
+) -> None:
+    distribution, version = _distribution(point)
+    if not isinstance(source, Source):
+        problem, fix = f"declares {source!r:.60}, expected a tickfix.api.Source", "Build a Source"
+    elif source.name in declared:
+        problem = f"source {source.name} is declared already by {declared[source.name].origin}"
+        fix = "Give it another name, or uninstall one of the two"
+    else:
+        declared[source.name] = DeclaredSource(source, point.name, distribution, version, point.value)
+        return
+    problems.append(PluginProblem(point.name, problem, fix, point.value, distribution, version))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -52,6 +53,10 @@ class Source:
         if not 1 <= len(self.columns) <= MAX_COLUMNS:
             raise ValueError(f"source {self.name!r}: found {len(self.columns)} columns, expected 1 to {MAX_COLUMNS}")
         object.__setattr__(self, "columns", MappingProxyType(dict(self.columns)))
+
+    def __reduce__(self) -> tuple[Callable[[], Source], tuple[()]]:
+        """Return how to build it again in another process: a read-only mapping cannot be pickled."""
+        return partial(Source, name=self.name, shape=self.shape, columns=dict(self.columns), doc=self.doc), ()
 
 
 def check_declared(event: Event, sources: Mapping[str, Source]) -> None:

@@ -18,7 +18,7 @@ from tickfix.api import ConfigError, NoParams
 from tickfix.api.algorithms import KINDS
 from tickfix.cli.console import print_json, registry, stdout
 from tickfix.config import ParameterInfo, describe_parameters
-from tickfix.registry import Offer, Registry, discover
+from tickfix.registry import DeclaredSource, Offer, Registry, discover
 
 app = typer.Typer(help="List algorithms, readers and sinks, or show one of them.", pretty_exceptions_enable=False)
 
@@ -43,7 +43,9 @@ def list_plugins(context: typer.Context, *, as_json: AsJson = False) -> None:
             }
             for p in plugins.problems
         ]
-        print_json({"plugins": [_offer_json(offer) for offer in plugins.offers], "problems": problems})
+        sources = [_source_json(one) for one in plugins.declared.values()]
+        offers = [_offer_json(offer) for offer in plugins.offers]
+        print_json({"plugins": offers, "sources": sources, "problems": problems})
         return
     console = stdout()
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1))
@@ -52,6 +54,10 @@ def list_plugins(context: typer.Context, *, as_json: AsJson = False) -> None:
     table.add_column("what it does", overflow="fold")
     for offer in plugins.offers:
         table.add_row(offer.kind, offer.name, _origin(offer), _summary(offer))
+    for one in plugins.declared.values():
+        columns = ", ".join(f"{name} ({unit})" if unit else name for name, unit in one.source.columns.items())
+        what = f"{one.source.doc} {one.source.shape.capitalize()}: {columns}".strip()
+        table.add_row("source", one.source.name, _origin(one), what)
     console.print(table)
     for problem in plugins.problems:
         console.print(f"left out: {problem}", soft_wrap=True)
@@ -124,7 +130,20 @@ def _offer_json(offer: Offer) -> dict[str, Any]:
     }
 
 
-def _origin(offer: Offer) -> str:
+def _source_json(one: DeclaredSource) -> dict[str, Any]:
+    return {
+        "name": one.source.name,
+        "shape": one.source.shape,
+        "columns": dict(one.source.columns),
+        "doc": one.source.doc,
+        "plugin": one.plugin,
+        "value": one.value,
+        "distribution": one.distribution,
+        "version": one.version,
+    }
+
+
+def _origin(offer: Offer | DeclaredSource) -> str:
     return f"{offer.distribution} {offer.version}".strip() or offer.plugin
 
 

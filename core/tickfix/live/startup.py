@@ -171,7 +171,7 @@ def serve(
     notes = [f"pipeline {name} is left out: {why}" for name, why in left_out.items()]
     status = EngineStatus(static_status(options.config, registry, shown, site.name, names, left_out, notes))
     ports = options.config.section("ports", PortSettings)
-    hub = Hub(ports, run=shown, site=site.name, describe=status.describe)
+    hub = Hub(ports, run=shown, site=site.name, describe=status.describe, sources=registry.sources)
     addresses = retry_while_locked(hub.start)
     writer: JournalWriter | None = None
 

@@ -6,10 +6,12 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import Any, Final
 
 import zmq
 
+from tickfix.api import Source
 from tickfix.api.errors import PortError
 from tickfix.ports.authentication import AllowList, ZapAuthenticator
 from tickfix.ports.control_port import ControlPort
@@ -75,8 +77,9 @@ class Hub:
         site: str,
         describe: Callable[[str, Mapping[str, Any]], Any],
         clock: Clock | None = None,
+        sources: Mapping[str, Source] = MappingProxyType({}),
     ) -> None:
-        """Check the settings; nothing is opened yet.
+        """Check the settings; nothing is opened yet. ``sources`` are those whose columns are checked.
 
         Raises:
             ConfigError: for an address that cannot be, or that others can reach while there are no keys.
@@ -87,6 +90,7 @@ class Hub:
         self._run = run
         self._site = site
         self._describe = describe
+        self._sources = sources
         self._clock = Clock() if clock is None else clock
         self._ports = PortSockets(settings)
         self._allowed = None if settings.keys is None else AllowList(settings.keys)
@@ -217,6 +221,7 @@ class Hub:
             intake=self._intake,
             inbound_queue=self._inbound_queue,
             clock=clock,
+            sources=self._sources,
         )
         self._control = ControlPort(
             ports["control"],

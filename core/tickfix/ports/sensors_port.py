@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import zmq
 
-from tickfix.api import Event
+from tickfix.api import Event, Source
 from tickfix.ports.inbound_queue import InboundMessage, InboundQueue, IntakeCounters, RouterMessage, receive_message
 from tickfix.ports.peers import AdmissionRefusal, DeviceSessions, Peer, PeerRegistry
 from tickfix.ports.port_settings import Clock, PortSettings
@@ -67,8 +68,10 @@ class SensorsPort:
         intake: IntakeCounters,
         inbound_queue: InboundQueue,
         clock: Clock,
+        sources: Mapping[str, Source],
     ) -> None:
         """Serve ``socket``, a bound ROUTER."""
+        self._sources = sources
         self._socket = socket
         self._settings = settings
         self._peers = peers
@@ -185,7 +188,7 @@ class SensorsPort:
                 event = message
             else:
                 event = message_to_event(message, self._clock.wall_ns())
-                check_received_event(event)
+                check_received_event(event, self._sources)
             refusal = self._claim_device(peer, message, now_ns)
         if refusal is None:
             incoming = InboundMessage(event, peer, message.ack, now_ns, len(body))

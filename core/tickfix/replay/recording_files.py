@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from tickfix.api import Reader, ReaderError, Recording
+from tickfix.api import Reader, ReaderError, Recording, Source
+from tickfix.api.sources import check_declared
 from tickfix.registry import Offer, Registry
 from tickfix.replay.process_pool import parallel_map
 
@@ -23,20 +24,25 @@ def no_progress(what: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class RecordingFile:
-    """A file and the reader that takes it for a recording."""
+    """A file and the reader that takes it for a recording; ``sources`` are those whose columns are checked."""
 
     path: Path
     name: str
     reader: Reader
+    sources: tuple[Source, ...] = ()
 
     def read(self) -> Recording:
         """Read the file.
 
         Raises:
-            ReaderError: when nothing of it can be read, or the reader fails.
+            ReaderError: when nothing of it can be read, or the reader fails or gives a declared source other columns.
         """
         try:
-            return self.reader.read(self.path)
+            recording = self.reader.read(self.path)
+            declared = {source.name: source for source in self.sources}
+            for event in recording.events if declared else ():
+                check_declared(event, declared)
+            return recording
         except ReaderError:
             raise
         except Exception as error:
@@ -94,7 +100,7 @@ def find_recordings(paths: Sequence[Path], registry: Registry) -> FoundRecording
                 problems.append(f"reader '{name}' failed on {path}: {type(error).__name__}: {error}; it is left out")
                 continue
             for file in files:
-                claimed.setdefault(file.resolve(), RecordingFile(file, name, reader))
+                claimed.setdefault(file.resolve(), RecordingFile(file, name, reader, tuple(registry.sources.values())))
         if not claimed:
             names = ", ".join(name for name, _ in readers) or "none is installed"
             raise ReaderError(f"{path}: found no recording that a reader recognises (readers: {names})")

@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Any, Final, get_args
 
 import msgspec
@@ -17,6 +18,7 @@ import numpy as np
 from tickfix import api
 from tickfix.api import LATEST_NS, SENSORS, Event, EventError, Floats, Ints, MotionSamples, Samples
 from tickfix.api.events import UNSET_NS
+from tickfix.api.sources import Source, check_declared
 from tickfix.wire import sensor_messages
 from tickfix.wire.sensor_messages import OLDEST_VERSION, VERSION, DeviceMessage, EventMessage, MessageLimits
 from tickfix.wire.validation import (
@@ -221,7 +223,7 @@ def message_to_event(message: DeviceMessage, arrival_ns: int) -> Event:
         raise WireError(field, rest or "something", "a possible event") from error
 
 
-def check_received_event(event: Event) -> None:
+def check_received_event(event: Event, sources: Mapping[str, Source] = MappingProxyType({})) -> None:
     """Reject an event that cannot be used: without a valid time, or truth without a position.
 
     Of arrays of times a single one that is right is enough; the kernel leaves the others out and counts them.
@@ -229,6 +231,12 @@ def check_received_event(event: Event) -> None:
     Raises:
         WireError: naming the time, or the coordinates.
     """
+    try:
+        check_declared(event, sources)
+    except EventError as error:
+        field, _, rest = str(error).partition(": found ")
+        found, _, expected = rest.partition(", expected ")
+        raise WireError(field, found, expected) from error
     if isinstance(event, MotionSamples):
         if event.t0_ns >= 0 and event.t1_ns <= LATEST_NS:
             return
