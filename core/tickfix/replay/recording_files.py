@@ -42,12 +42,12 @@ class RecordingFile:
             declared = {source.name: source for source in self.sources}
             for event in recording.events if declared else ():
                 check_declared(event, declared)
-            return recording
         except ReaderError:
             raise
         except Exception as error:
             problem = f"reader '{self.name}' failed: {type(error).__name__}: {error}"
             raise ReaderError(f"{self.path}: {problem}") from error
+        return recording
 
 
 @dataclass(frozen=True, slots=True, eq=False)
