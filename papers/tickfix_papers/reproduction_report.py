@@ -64,7 +64,7 @@ class PaperTable:
         columns: names of the figures, with their units.
         rows: by label, a cell per column.
         decimals: to print, one number for all columns or one for each.
-        note: what a reader must know before comparing; empty where nothing.
+        note: what a reader must know before comparing; empty if there is nothing.
     """
 
     name: str
@@ -88,8 +88,8 @@ class Claim:
         paper: the paper's figure, with unit, as text.
         ours: what we found, as text.
         interval: of the quantity that decides (a paired difference over seeds, say), None where no seed enters.
-        holds: whether it does on the twin.
-        reason: why not, or why only just; empty where there is nothing to say.
+        holds: whether it holds on the twin.
+        reason: why it does not hold; empty if it does.
     """
 
     claim: str
@@ -187,7 +187,7 @@ _TITLE_WIDTH: Final = 13
 
 
 def render_reproduction(result: Reproduction, *, twin_settings: bool) -> Group:
-    """Return all there is to say; ``twin_settings`` adds the settings of the twin."""
+    """Return tables and claims for the terminal; ``twin_settings`` adds the settings of the twin."""
     parts: list[RenderableType] = [Text(f"[{result.paper}] {result.title}, {result.seeds} seeds", style="bold"), Text()]
     for table in result.tables:
         parts += [_table_heading(table), _table_grid(table)]

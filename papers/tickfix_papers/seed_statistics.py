@@ -43,7 +43,7 @@ def percent_reduction(before: Sequence[float] | Floats, after: Sequence[float] |
 
 
 def exact_value(value: float) -> SeedInterval:
-    """Return a figure in which no chance is: it rests on no seed."""
+    """Return a value without randomness: an interval of zero width, from no seed."""
     return SeedInterval(mean=value, low=value, high=value, seeds=0)
 
 
@@ -75,7 +75,7 @@ def decide_claim(
         interval: of the quantity that decides.
         paper, ours: the figures, as text.
         above, below: bounds of what is claimed. Zero and infinity for "better"; both finite for "about".
-        why: what was found out about the cause, told if the claim does not hold.
+        why: the cause, as far as known; added to the reason if the claim does not hold.
     """
     holds = above < interval.low and interval.high < below
     reason = ""

@@ -117,7 +117,7 @@ def update_interval_s(run: SeedRun, pipeline: str) -> float:
 def _given_fix_table(runs: Sequence[SeedRun]) -> PaperTable:
     return PaperTable(
         name="How good Wi-Fi must be",
-        caption="mean error of ELM + Wi-Fi + PF, m, with location results of a given error in the place of Wi-Fi's",
+        caption="mean error of ELM + Wi-Fi + PF, m, with location results of a given error instead of Wi-Fi's",
         columns=("as printed", "own settings"),
         rows={
             f"σ {sigma_m:g} m, off by {sigma_m * np.sqrt(np.pi / 2.0):.2f} m": table_row(
@@ -131,7 +131,7 @@ def _given_fix_table(runs: Sequence[SeedRun]) -> PaperTable:
 
 Name = TypeVar("Name")
 _MIN_REDUCTION_M: Final = 0.05
-"""A mean error that falls by less is as good as before."""
+"""A mean error that falls by less counts as unchanged."""
 _FILTER_PHRASES: Final = {"ELM + KF": "KF after ELM", "ELM + PF": "PF after ELM"}
 
 
@@ -182,9 +182,9 @@ def _motion_claims(runs: Sequence[SeedRun]) -> tuple[Claim, ...]:
             elm,
             gait,
             paper="0.609 against 1.542 m",
-            why="A plain angle is regressed, which jumps at due south: where features say nearly south, a mean of "
-            "+180° and −180° is told, anything but south. Table 4 has a row for sine and cosine alone; 1000 nodes with "
-            "next to no ridge do the rest",
+            why="A plain angle is regressed, which jumps at due south: where features indicate nearly south, the "
+            "result is a mean of +180° and −180°, anything but south. Table 4 has a row for sine and cosine "
+            "alone; 1000 nodes with next to no ridge account for the rest",
         ),
         _smaller_error_claim(
             "ELM is better than gait, with tickfix's settings of the regression",
@@ -193,10 +193,11 @@ def _motion_claims(runs: Sequence[SeedRun]) -> tuple[Claim, ...]:
             paper="0.609 against 1.542 m",
         ),
         decide_claim(
-            "KF after ELM makes the way smoother",
+            "KF after ELM makes the track smoother",
             paired_difference(bends, kf_bends),
             paper="in words",
-            ours=f"{kf_bends.mean():.0f} against {bends.mean():.0f} mm by which a tick departs from going straight on",
+            ours=f"{kf_bends.mean():.0f} against {bends.mean():.0f} mm of departure per tick from a straight, steady "
+            "track",
             above=0.0,
         ),
         decide_claim(
@@ -212,8 +213,8 @@ def _motion_claims(runs: Sequence[SeedRun]) -> tuple[Claim, ...]:
             elm,
             paper="0.633 against 0.609 m",
             more=f", with own settings {_error_pair(own_pf, own)}",
-            why="The table is right: weighed by the place that motion leads to, particles know nothing that motion "
-            "does not know, and drawing them adds noise that accumulates",
+            why="The table is right: weighted by the position predicted from motion, particles hold no information "
+            "beyond motion, and sampling them adds noise that accumulates",
         ),
     )
 
@@ -229,17 +230,17 @@ def _wifi_claims(runs: Sequence[SeedRun]) -> tuple[Claim, ...]:
         nearer(
             "ELM",
             "KNN",
-            "The classifier has four samples of a point to learn from and is not told which points are neighbours: the "
-            "four classes it puts first lie further apart than the four nearest fingerprints",
+            "The classifier has four samples of a point to learn from and does not know which points are neighbours: "
+            "its four best classes lie further apart than the four nearest fingerprints",
         ),
         nearer("ELM + KF", "ELM"),
         nearer(
             "ELM + PF",
             "ELM",
-            "Without motion the particles of (16) stand still and only diffuse: they trail a walker, since nothing in "
-            "(16) to (19) has a velocity",
+            "Without motion the particles of (16) stand still and only diffuse: they lag behind a walker, since (16) "
+            "to (19) have no velocity",
         ),
-        nearer("ELM + PF", "ELM + KF", "The Kalman filter knows a velocity, the particles of (16) do not"),
+        nearer("ELM + PF", "ELM + KF", "The Kalman filter estimates a velocity, the particles of (16) do not"),
     )
 
 
@@ -253,8 +254,8 @@ def _fusion_claims(runs: Sequence[SeedRun]) -> tuple[Claim, ...]:
     other = _smallest_mean(errors)
     wifi = np.mean([run.mean_fix_error_m("wifi-elm") for run in runs])
     why = (
-        f"A Wi-Fi result is off by {wifi:.1f} m on the twin, and (18) with σ = 0.5 m believes it as if it were off by "
-        "0.6 m; how good it would have to be is in the last table"
+        f"A Wi-Fi result is off by {wifi:.1f} m on the twin, and (18) with σ = 0.5 m weights it as if it were off by "
+        "0.6 m; the last table shows how good it would have to be"
     )
     return (
         decide_claim(
@@ -324,7 +325,7 @@ def _rate_claims(runs: Sequence[SeedRun]) -> tuple[Claim, ...]:
 def _smaller_error_claim(
     claim: str, errors_m: Floats, than_m: Floats, *, paper: str, more: str = "", why: str = ""
 ) -> Claim:
-    """Return the claim that errors are smaller than others, (seeds,) metres each; ``more`` is told after ours."""
+    """Return the claim that errors are smaller than others, (seeds,) metres each; ``more`` follows ours."""
     ours = f"{_error_pair(errors_m, than_m)}{more}"
     return decide_claim(claim, paired_difference(than_m, errors_m), paper=paper, ours=ours, above=0.0, why=why)
 

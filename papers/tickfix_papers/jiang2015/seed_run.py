@@ -39,12 +39,12 @@ class TrackErrors:
 
     @property
     def second_difference_m(self) -> float:
-        """How far, on average, a position lies from going on as in the tick before: 0 for a straight, steady way."""
+        """Mean length of the second difference of the positions, metres: 0 for a straight, steady track."""
         return float(np.hypot(*np.diff(self.xy, 2, axis=0).T).mean())
 
     @property
     def error_growth_m(self) -> float:
-        """By how much the error is greater in the last quarter of the walk than in the second."""
+        """Mean error in the last quarter of the walk minus that in the second, metres."""
         quarters = np.array_split(self.error_m, 4)
         return float(quarters[3].mean() - quarters[1].mean())
 
@@ -104,7 +104,7 @@ _TRUTH_STRIDE: Final = 20
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SeedRun:
-    """What one seed gave.
+    """The results of one seed.
 
     Attributes:
         window_mse: by window length in ms, (velocity in m²/s², heading in rad²).
@@ -141,7 +141,7 @@ def run_seed(registry: Registry, seed: int) -> SeedRun:
     site = Site(name="jiang2015", floors=(scene.floor,), radio_map=scene.training_data.radio_map, models=models)
     tracks: dict[str, list[TrackErrors]] = {pipeline.name: [] for pipeline in config.pipelines}
     failures: Counter[str] = Counter()
-    # Motion needs a start that is told; Wi-Fi alone finds its own.
+    # Motion needs a known start; Wi-Fi alone finds its own.
     for with_motion in (True, False):
         names = [p.name for p in config.pipelines if (p.pdr is not None) == with_motion]
         setup = prepare(site, config.only(names))

@@ -42,7 +42,7 @@ _SETTING_ROWS: Final = (
     (
         "room in the floor's frame",
         "turned clockwise by 30°",
-        "chosen: a plain angle jumps at due south, where the printed regression cannot work: no straight lies there",
+        ("chosen: a plain angle jumps at due south, where the printed regression cannot work: no straight leg there"),
     ),
     ("participants, walks, phones", "4 people × 5 walks, each phone once by each person", "printed, section 8.1"),
     ("sampling rate", "65 Hz", "printed, section 8.1"),
@@ -61,7 +61,7 @@ _SETTING_ROWS: Final = (
     (
         "hold of the phone",
         "drawn for each walk: σ 3° in yaw, 4° in pitch, 2° in roll",
-        "chosen: nobody holds alike",
+        "chosen: people hold a phone differently",
     ),
     ("label points", "every 2 m along the route, tapped with σ 0.1 s", "chosen; labels by volume key are printed"),
     ("labels", "cubic splines through the label points", "printed, section 4"),
@@ -97,16 +97,16 @@ _SETTING_ROWS: Final = (
     ),
     (
         "Kalman filters",
-        "constant velocity, accelerations of σ 0.5 m/s²; places of σ 0.5 m reckoned, 1.5 m by Wi-Fi",
+        "constant velocity, accelerations of σ 0.5 m/s²; positions of σ 0.5 m by dead reckoning, 1.5 m by Wi-Fi",
         "chosen: no model is printed",
     ),
     ("gait", "0.7 m a step, the plugin's defaults", "chosen: “a default step length” is printed"),
     (
         "tests",
-        "each of the 4 people walks the route once at the own pace, with the phone of the fingerprints",
+        "each of the 4 people walks the route once at their own pace, with the phone of the fingerprints",
         "printed in words, section 8.1: a user with a phone, along the same route; how many is chosen",
     ),
-    ("start", "told, with σ 0.1 m, to all that use motion", "printed, section 5: the start must be given"),
+    ("start", "given, with σ 0.1 m, to all that use motion", "printed, section 5: the start must be given"),
     (
         "errors, Table 4 and Fig. 16",
         "every published estimate against the true place at its tick",
@@ -114,8 +114,8 @@ _SETTING_ROWS: Final = (
     ),
     (
         "errors, Fig. 14",
-        "what each location result made the method say, against the true place at that tick",
-        "chosen; results that are older because the phone told them late are not blamed for it",
+        "the method's estimate after each location result, against the true position at that tick",
+        "chosen; the time by which a phone delivers results late does not count as an error",
     ),
 )
 
@@ -218,7 +218,7 @@ def draw_handsets(rng: Rng) -> tuple[Handset, ...]:
 
 
 def walker_at_pace(person: Walker, pace: float, rng: Rng) -> Walker:
-    """Return a person at a pace who has just taken the phone in hand: never twice quite the same way."""
+    """Return a person at a pace, with a hold of the phone drawn for this walk."""
     yaw, pitch, roll = np.radians([3.0, 4.0, 2.0]) * rng.standard_normal(3)
     hold: PhoneHold = replace(
         person.hold,
@@ -332,7 +332,7 @@ def _radio_map(site: Building, handset: Handset, rng: Rng) -> RadioMap:
 
 
 def _stationary_trajectory(xy: Floats, heading_rad: float) -> Trajectory:
-    """Return the trajectory of somebody who stands at a place (2,) for as long as three scans can take."""
+    """Return the trajectory of a person who stands at (2,), metres, for the longest time three scans can take."""
     t_s = np.array([0.0, _STATIONARY_S])
     still = np.zeros(2)
     return Trajectory(

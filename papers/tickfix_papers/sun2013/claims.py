@@ -204,7 +204,7 @@ def _cause_tables(runs: Sequence[SeedRun]) -> tuple[PaperTable, PaperTable]:
     gaps = mean([c.gaps for c in found]).text(0, "%")
     fingerprints = PaperTable(
         name="Causes 1",
-        caption="mean error of the fingerprints, m, and how alike neighbouring errors are",
+        caption="mean error of the fingerprints, m, and correlation of neighbouring errors",
         columns=FINGERPRINTS,
         rows={
             label: table_row([[one[name] for one in values] for name in FINGERPRINTS]) for label, values in rows.items()
@@ -268,7 +268,7 @@ def _gap_reason(runs: Sequence[SeedRun]) -> str:
     gaps = mean([run.causes.gaps for run in runs]).text(0, "%")
     return (
         f"Where all usual access points are heard and where one is missing ({gaps} of queries): "
-        f"{text(FNCC)}, {text(WKNN)}. Correlation forgives gaps and shifts of level, and pays with not using the level"
+        f"{text(FNCC)}, {text(WKNN)}. Correlation tolerates gaps and shifts of level, but does not use the level"
     )
 
 
@@ -320,7 +320,7 @@ def _same_points_claims(runs: Sequence[SeedRun]) -> tuple[Claim, Claim]:
             literal,
             ours=f"in {mean(literal).text(2, '%')} of queries, with means as RSS_l in {mean(of_means).text(2, '%')}; "
             f"mean error {errors[0]} against {errors[1]}",
-            why="Not always: a point that says the opposite of what is heard is as good as one that agrees. "
+            why="Not always: a point with a strong negative correlation ranks as high as one that agrees. "
             "Here that is rare, and the error hardly changes",
         ),
     )
@@ -400,7 +400,8 @@ def _about_30_percent_claim(runs: Sequence[SeedRun], why: str = "") -> Claim:
 def _correlation_reason(runs: Sequence[SeedRun]) -> str:
     alike = ", ".join(f"{name} {mean([r.causes.correlation[name] for r in runs]).text(2)}" for name in FINGERPRINTS)
     return (
-        f"Neighbouring results of the twin err little alike (correlation {alike}): fading is redrawn at each test "
+        f"Errors of neighbouring results of the twin are weakly correlated (correlation {alike}): fading is redrawn "
+        "at each test "
         "point, so that smoothing helps. Errors that stay the same from point to point would not be smoothed away"
     )
 

@@ -109,7 +109,7 @@ FILTERED: Final = tuple(f"{agile}{FNCC}{filter_name}" for agile in ("", HIGH_ACC
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """What one seed tells of causes.
+    """Measured causes of one seed.
 
     Attributes:
         gaps: queries, in per cent, that lack an access point which the test point usually hears.
@@ -168,7 +168,7 @@ def _tracks(pipeline: Pipeline, fixes: Sequence[Sequence[Fix | None]]) -> Floats
 
 
 def _missing_access_points(samples: Sequence[Scan]) -> Bools:
-    """Tell of each pass whether its samples lack an access point that at least half of all samples have."""
+    """Return for each pass whether its samples lack an access point that at least half of all samples have."""
     names = sorted({name for scan in samples for name in scan.transmitters})
     heard = np.array([[name in scan.transmitters for name in names] for scan in samples])
     usual = heard.mean(axis=0) >= 0.5
@@ -178,14 +178,14 @@ def _missing_access_points(samples: Sequence[Scan]) -> Bools:
 
 
 def _correlation(error: Floats) -> float:
-    """Return how alike the errors (passes, T, 2) of neighbouring results are, 0 not at all, 1 the same."""
+    """Return the correlation of the errors (passes, T, 2) of neighbouring results."""
     neighbours = (error[:, 1:] * error[:, :-1]).sum(axis=-1).mean()
     return float(neighbours / (error**2).sum(axis=-1).mean())
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SeedRun:
-    """What one seed gives.
+    """The results of one seed.
 
     Attributes:
         error_m: by system, (passes, T) at the T test points.

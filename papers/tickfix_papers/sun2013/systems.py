@@ -172,7 +172,7 @@ def fingerprint_algorithm(pipeline: Pipeline) -> Any:
 
 
 def filter_track(pipeline: Pipeline, fixes: Sequence[Fix | None]) -> Floats:
-    """Return (T, 2) what a pipeline's filter says at the instant of each of T results; NaN before the first."""
+    """Return the filter's estimates (T, 2) at the instants of T results, metres; NaN before the first."""
     filter_: Any = pipeline.filter.algorithm
     rng = np.random.default_rng(0)  # none of these filters draws
     state: Any = None

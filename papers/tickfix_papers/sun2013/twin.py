@@ -83,7 +83,7 @@ TWIN_SETTINGS: Final = (
     TwinSetting(
         what="trajectory",
         value="room, door, western corridor, two corners, eastern corridor; in the middle of aisles and corridors",
-        source="chosen: A, B, the gaps and their number are printed, the way is not",
+        source="chosen: A, B, the gaps and their number are printed, the route is not",
     ),
     TwinSetting(
         what="passes",
@@ -106,7 +106,7 @@ TWIN_SETTINGS: Final = (
     ),
     TwinSetting(
         what="body",
-        value="survey: looking anywhere, drawn for each reference point; test: along the trajectory",
+        value="survey: random orientation for each reference point; test: along the trajectory",
         source="chosen",
     ),
     TwinSetting(what="N, K", value="2, 7", source=_METHOD_SOURCE),
@@ -149,7 +149,7 @@ TWIN_SETTINGS: Final = (
     TwinSetting(
         what="variants",
         value=f"readings of eq. (1), literal eq. (6): {COMPARED_PASSES} passes; plain NCC: {PLAIN_POINTS} queries",
-        source="chosen: for want of time",
+        source="chosen: to limit the computing time",
     ),
     TwinSetting(
         what="“little”, “about 30 %”, “whatever the fingerprint”",
@@ -268,7 +268,7 @@ _DAY_NS = 86_400_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Twin:
-    """What one seed gives.
+    """The results of one seed.
 
     Attributes:
         survey: a recording per reference point.

@@ -58,7 +58,7 @@ def residuals_m(walks: Sequence[SeedRun], scheme: str, after_s: float = 0.0) -> 
 
 
 def result_tables(walks: Sequence[SeedRun]) -> tuple[PaperTable, ...]:
-    """Return Tables 1, 2, 4, 6 and 8; the others say what was put in."""
+    """Return Tables 1, 2, 4, 6 and 8; the paper's other tables are inputs."""
     return (
         _particle_table(walks, "Table 1", TABLE_1_M2, mapped=False),
         _particle_table(walks, "Table 2", TABLE_2_M2, mapped=True),
@@ -95,7 +95,7 @@ def _scheme_table(walks: Sequence[SeedRun]) -> PaperTable:
         caption="errors of the four schemes",
         columns=("RMSE, m", "AE, m", "ME, m"),
         rows=rows,
-        note="The paper calls the first column MSE, in metres. “EKF's walk”: particles walk by the EKF's velocity.",
+        note="The paper calls the first column MSE, in metres. “EKF motion”: particles move by the EKF's velocity.",
     )
 
 
@@ -112,18 +112,19 @@ def _residual_table(
         caption=f"residuals at the epochs of gross errors, {what}",
         columns=(*(f"{t_s:g} s, m" for t_s in EPOCHS_S), f"{FIX_S:g} s later, m"),
         rows=rows,
-        note="The last column is the mean over the three epochs that follow. What fails the test of eq. (22) counts, "
-        "with λ = 1, as printed; “dropping” leaves it out, as the text has it. “EKF's walk”: particles walk by the "
-        "EKF's velocity.",
+        note="The last column is the mean over the three epochs that follow. A fix that fails the test of eq. (22) "
+        "counts, with λ = 1, as printed; “dropping” ignores it, as the text has it. “EKF motion”: particles move "
+        "by the EKF's velocity.",
     )
 
 
 _MAX_INCREASE_M: Final = 1.0
-"""Of an error of 10 m put in, less than a tenth may arrive where the effects are said to be mitigated."""
+"""Bound of "mitigated": less than a tenth of a gross error of 10 m."""
 
 _ODOMETRY_REASON: Final = (
-    "All particles walk the 10 m themselves, and σ = 1 m about the EKF's place only picks those that went least far; "
-    "the map stops none that goes along a corridor. Where particles walk by the EKF's velocity instead, see below"
+    "All particles move the 10 m themselves, and weights of σ = 1 m about the EKF's position only select those that "
+    "moved least; the map stops none that moves along a corridor. For particles that move by the EKF's velocity, see "
+    "below"
 )
 
 
@@ -180,8 +181,8 @@ def _particle_claims(walks: Sequence[SeedRun]) -> list[Claim]:
             paper=f"MSE {TABLE_1_M2[100]:.2f} → {TABLE_1_M2[300]:.2f} m²",
             ours=f"{mean(fewest).text()} → {mean(enough).text()} m²",
             above=0.0,
-            why="Our particles have two dimensions and observe the EKF's place every 2 s: what is left is the error of "
-            "that place and of the odometer, which no number of particles lowers. From "
+            why="Our particles have two dimensions and observe the EKF's position every 2 s: what remains is the "
+            "error of that position and of the odometer, which no number of particles lowers. From "
             f"{PARTICLES[0]} to {PARTICLES[-1]} particles the MSE falls by {paired_difference(least, most).text()} m²",
         ),
     ]
@@ -223,7 +224,7 @@ def _gross_error_claims(walks: Sequence[SeedRun]) -> list[Claim]:
                 why=why,
             ),
         ]
-    by_ekf = "of MWPO whose particles walk by the EKF's velocity"
+    by_ekf = "of MWPO whose particles move by the EKF's velocity"
     return [
         *found,
         _residual_claim(
@@ -240,8 +241,8 @@ def _gross_error_claims(walks: Sequence[SeedRun]) -> list[Claim]:
             ON_ODOMETRY,
             "no figure; the effects are mitigated (Figure 20)",
             after_s=FIX_S,
-            why="The error has made the EKF's velocity wrong, and for 2 s the particles walk by it: it arrives an "
-            "epoch later than Table 8 looks",
+            why="The error has made the EKF's velocity wrong, and for 2 s the particles move by it: it arrives one "
+            "epoch after those of Table 8",
         ),
         _residual_claim(
             walks,
@@ -252,11 +253,11 @@ def _gross_error_claims(walks: Sequence[SeedRun]) -> list[Claim]:
         ),
         _residual_claim(
             walks,
-            "of gross errors of 10 m on Wi-Fi less than 1 m reaches WPO if it counts with λ = 1, as eq. (22) has it",
+            "of gross errors of 10 m on Wi-Fi less than 1 m reaches WPO if they count with λ = 1, as eq. (22) has it",
             WPO,
             ON_WIFI,
             "almost all are eliminated (section 4.4)",
-            why="λ = 1 is what the filter has without fading: the fix is weighed as any other. Table 6 shows the same",
+            why="λ = 1 is what the filter has without fading: the fix is weighted as any other. Table 6 shows it, too",
         ),
     ]
 
@@ -264,7 +265,7 @@ def _gross_error_claims(walks: Sequence[SeedRun]) -> list[Claim]:
 def _residual_claim(
     walks: Sequence[SeedRun], claim: str, scheme: str, suffix: str, paper: str, *, after_s: float = 0.0, why: str = ""
 ) -> Claim:
-    """Judge whether less than a tenth of the errors put in arrives."""
+    """Return the claim that less than a tenth of the gross errors reaches the residuals."""
     return decide_claim(
         claim,
         mean(_residual_increase_m(walks, scheme, suffix, after_s)),

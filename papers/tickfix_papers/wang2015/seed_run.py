@@ -25,7 +25,7 @@ WPO: Final = "WPO"
 MWPO: Final = "MWPO"
 SCHEMES: Final = (GCK, PDR, WPO, MWPO)
 NO_MAP: Final = "MWPO, no map"
-EKF_MOTION: Final = "MWPO, EKF's walk"
+EKF_MOTION: Final = "MWPO, EKF motion"
 """The other reading of section 5: particles walk by the EKF's velocity, so that P-O reaches them only through it."""
 REJECTING: Final = ", dropping"
 """The other reading of eq. (22): what fails the δS test is not input at all."""

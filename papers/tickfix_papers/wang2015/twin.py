@@ -1,8 +1,8 @@
 """The twin of [wang2015] section 6.1.
 
 Corridors, a hall, 60 access points in a row; the survey, calibration walks and the test walk. The text prints no
-dimension and no coordinate: TWIN_SETTINGS lists what was chosen, before any result was seen. One thing was mended
-afterwards: one sigma of fixes is calibrated, so that fixes belong to their epochs.
+dimension and no coordinate: TWIN_SETTINGS lists what was chosen, before any result was seen. One thing was
+changed afterwards: a single sigma of fixes is calibrated, so that fixes keep the time of their epochs.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ _HOUR_NS: Final = 3_600_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Twin:
-    """What one seed draws.
+    """The twin of one seed.
 
     Attributes:
         building: the site.
@@ -274,7 +274,7 @@ _SETTING_ROWS: Final = (
     ),
     (
         "RSSI measurements",
-        "one scan every 2 s, at an instant and told at once",
+        "one scan every 2 s, instantaneous and delivered immediately",
         "printed: section 3.3; its delay is not",
     ),
     ("phone", "50 Hz; noise of its sensors as in Table 3, biases drawn", "printed: Table 3; the rest chosen"),
@@ -295,7 +295,7 @@ _SETTING_ROWS: Final = (
     ),
     (
         "start",
-        "PDR: the true place, as its error begins at nought in Figure 16; all others: their first Wi-Fi position",
+        "PDR: the true place, as its error begins at zero in Figure 16; all others: their first Wi-Fi position",
         "chosen: not printed",
     ),
     (
