@@ -41,7 +41,7 @@ from tickfix.api.hooks import API_VERSION, hookimpl
 from tickfix.api.packing import pack, unpack
 from tickfix.api.recordings import Reader, Recording, Sink
 from tickfix.api.run_events import EpochStart, Overrun, Run, StageFault
-from tickfix.api.site import Context, Floor, FloorMap, RadioMap, Survey, SurveyWalk
+from tickfix.api.site import Context, Floor, FloorMap, RadioMap, Survey, SurveyWalk, Transition
 from tickfix.api.sources import Source
 from tickfix.api.values import Belief, Component, Estimate, Motion, Observation, Prior, Readings, Report, Status, Window
 
@@ -103,6 +103,7 @@ __all__ = [
     "SurveyWalk",
     "TickfixError",
     "TrainedModel",
+    "Transition",
     "Truth",
     "Window",
     "displacement",

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from tickfix.api.arrays import Bools, Floats
 from tickfix.api.events import Fix, MotionSamples
-from tickfix.api.site import Context, Survey
+from tickfix.api.site import Context, Survey, Transition
 from tickfix.api.values import Belief, Motion, Observation, Prior, Readings, Report, Window
 
 TrainedModel: TypeAlias = Mapping[str, NDArray[Any]]
@@ -307,6 +307,12 @@ class BaseMap(_AlgorithmBase[P]):
     """Base of floor maps; ``context.floor`` is the floor to map. See :class:`~tickfix.api.site.FloorMap`."""
 
     kind = "map"
+
+    @property
+    def transitions(self) -> tuple[Transition, ...]:
+        """The site's stairs, lifts and escalators that touch this floor; a map that finds its own overrides this."""
+        floor = self.context.floor
+        return () if floor is None else self.context.transitions_on(floor.name)
 
     @abstractmethod
     def contains(self, xy: Floats) -> Bools:

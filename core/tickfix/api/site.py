@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol, TypeAlias, get_args
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,6 +22,8 @@ class Floor:
     Attributes:
         name: unique within the site.
         level: number of the storey, 0 or 1 for the ground as the building counts.
+        elevation_m: height of the walking surface over any datum that the floors of a site share; None where it is not
+            known.
         width_m, height_m: of the drawing.
         outline: rings (n, 2) that bound the floor; a point inside an odd number of them is on the floor.
         obstacles: rings (n, 2) that one cannot walk through: shops, shafts, voids.
@@ -35,6 +37,7 @@ class Floor:
     outline: tuple[Floats, ...] = ()
     obstacles: tuple[Floats, ...] = ()
     walls: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    elevation_m: float | None = None
 
     def __post_init__(self) -> None:
         """Freeze the rings and the walls."""
@@ -43,6 +46,58 @@ class Floor:
             self, "obstacles", tuple(frozen_floats("obstacles", ring, None, 2) for ring in self.obstacles)
         )
         object.__setattr__(self, "walls", frozen_floats("walls", self.walls, None, 2, 2))
+
+
+TransitionKind: TypeAlias = Literal["stairs", "lift", "escalator"]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Transition:
+    """A way between two floors.
+
+    Attributes:
+        kind: how people change floor there.
+        floors: names of the two floors it joins.
+        areas: on each of the two floors, in its frame: a ring (n ≥ 3, 2) around the place, or one point (1, 2), float64
+            metres.
+    """
+
+    kind: TransitionKind
+    floors: tuple[str, str]
+    areas: tuple[Floats, Floats]
+
+    def __post_init__(self) -> None:
+        """Freeze the areas.
+
+        Raises:
+            EventError: for an unknown kind, a transition from a floor to itself, or an area that is neither a ring nor
+                one point, or not finite.
+        """
+        if self.kind not in get_args(TransitionKind):
+            raise EventError(f"kind: found {self.kind!r}, expected one of {', '.join(get_args(TransitionKind))}")
+        if len(self.floors) != 2 or self.floors[0] == self.floors[1] or len(self.areas) != 2:
+            raise EventError(
+                f"floors: found {', '.join(self.floors)} with {len(self.areas)} areas, expected two different floors "
+                "and an area on each"
+            )
+        first, second = (frozen_floats("areas", area, None, 2) for area in self.areas)
+        for area in (first, second):
+            if len(area) in (0, 2) or not np.isfinite(area).all():
+                raise EventError(f"areas: found {len(area)} points, expected one or a finite ring of three or more")
+        object.__setattr__(self, "floors", tuple(self.floors))
+        object.__setattr__(self, "areas", (first, second))
+
+    def area(self, floor: str) -> Floats | None:
+        """Return the ring (n, 2) or point (1, 2) on ``floor``, None where the transition does not touch it."""
+        return self.areas[self.floors.index(floor)] if floor in self.floors else None
+
+    def other_floor(self, floor: str) -> str:
+        """Return the floor at the other end.
+
+        Raises:
+            ValueError: when the transition does not touch ``floor``.
+        """
+        return self.floors[1 - self.floors.index(floor)]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -199,6 +254,11 @@ class FloorMap(Protocol):
     change no answer.
     """
 
+    @property
+    def transitions(self) -> tuple[Transition, ...]:
+        """The stairs, lifts and escalators that touch this floor; :class:`~tickfix.api.BaseMap` takes the site's."""
+        ...
+
     def contains(self, xy: Floats) -> Bools:
         """Return for each point whether one can stand there: (n,) bool."""
         ...
@@ -224,6 +284,7 @@ class Context:
         floors: by name.
         floor: the one to map, for algorithms of kind ``map``, which are built once per floor; None for all others.
         radio_map: None on a site that was never surveyed.
+        transitions: stairs, lifts and escalators between the floors; empty where the site names none.
         maps: the pipeline's map of each floor by name; empty when the pipeline has none.
         fingerprint: the pipeline's fingerprint, None without one or while it is itself being built.
     """
@@ -233,3 +294,8 @@ class Context:
     radio_map: RadioMap | None = None
     maps: Mapping[str, FloorMap] = field(default_factory=lambda: MappingProxyType({}))
     fingerprint: Any = None
+    transitions: tuple[Transition, ...] = ()
+
+    def transitions_on(self, floor: str) -> tuple[Transition, ...]:
+        """Return the transitions that touch ``floor``."""
+        return tuple(transition for transition in self.transitions if floor in transition.floors)

@@ -35,6 +35,9 @@ class Motion:
         steps: steps completed within the tick.
         stationary: the phone is at rest.
         travelled_m: distance since the epoch began, this tick included.
+        height_change_m: by how much the device rose within the tick, negative where it sank; None where nothing
+            measured it.
+        height_change_sigma_m: white.
     """
 
     t0_ns: int
@@ -51,6 +54,8 @@ class Motion:
     steps: int = 0
     stationary: bool = False
     travelled_m: float = 0.0
+    height_change_m: float | None = None
+    height_change_sigma_m: float = 0.0
 
     @staticmethod
     def unknown(t0_ns: int, t1_ns: int, speed_sigma_mps: float = 1.0) -> Motion:

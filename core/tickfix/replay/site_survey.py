@@ -34,7 +34,7 @@ class TrainedSite:
 def site_context(site: Site) -> Context:
     """Return what algorithms are built for."""
     floors = {floor.name: floor for floor in site.floors}
-    return Context(floors=MappingProxyType(floors), radio_map=site.radio_map)
+    return Context(floors=MappingProxyType(floors), radio_map=site.radio_map, transitions=site.transitions)
 
 
 def survey_files(

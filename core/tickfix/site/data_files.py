@@ -155,7 +155,9 @@ def save_floor(path: Path, floor: Floor) -> None:
     path.write_text(f'{{"type": "FeatureCollection", "features": [\n{lines}\n]}}\n', encoding="utf-8")
 
 
-def load_floor(path: Path, *, name: str, level: int, width_m: float, height_m: float) -> Floor:
+def load_floor(
+    path: Path, *, name: str, level: int, width_m: float, height_m: float, elevation_m: float | None = None
+) -> Floor:
     """Read what :func:`save_floor` wrote or somebody edited: multi-part shapes and lines of many points are taken too.
 
     Raises:
@@ -183,6 +185,7 @@ def load_floor(path: Path, *, name: str, level: int, width_m: float, height_m: f
             level=level,
             width_m=width_m,
             height_m=height_m,
+            elevation_m=elevation_m,
             outline=tuple(outline),
             obstacles=tuple(obstacles),
             walls=np.concatenate(walls) if walls else np.zeros((0, 2, 2)),

@@ -1,9 +1,9 @@
 """The site as a value (floors, radio map, survey tracks, held-out walks and trained models) and as a folder.
 
 A folder holds JSON, GeoJSON and arrays without pickles; equal sites give equal bytes. ``site.json`` has name, floors,
-held-out walks, models and the survey's counts; ``floors/F1.geojson`` the geometry in metres; ``radio_map.npz`` the
-fields of :class:`tickfix.api.RadioMap`; ``survey_tracks.npz`` walk, floor and chain per track and its points from
-``start`` on in t_ns, xy; ``models/KEY.npz`` the trained models. For the data files see
+transitions between them, held-out walks, models and the survey's counts; ``floors/F1.geojson`` the geometry in metres;
+``radio_map.npz`` the fields of :class:`tickfix.api.RadioMap`; ``survey_tracks.npz`` walk, floor and chain per track and
+its points from ``start`` on in t_ns, xy; ``models/KEY.npz`` the trained models. For the data files see
 :mod:`tickfix.site.data_files`.
 """
 
@@ -23,7 +23,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tickfix.api import Floor, RadioMap, SiteError, frozen
+from tickfix.api import EventError, Floor, RadioMap, SiteError, Transition, frozen
+from tickfix.api.site import TransitionKind
 from tickfix.site.data_files import (
     load_arrays,
     load_floor,
@@ -83,6 +84,7 @@ class Site:
         held_out: the walks to test on.
         models: trained models: key → name → array.
         notes: what the survey counted.
+        transitions: stairs, lifts and escalators between the floors.
     """
 
     name: str
@@ -92,16 +94,21 @@ class Site:
     held_out: tuple[HeldOutWalk, ...] = ()
     models: Mapping[str, Mapping[str, NDArray[Any]]] = field(default_factory=lambda: MappingProxyType({}))
     notes: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    transitions: tuple[Transition, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze models and notes.
 
         Raises:
-            SiteError: when two floors share a name.
+            SiteError: when two floors share a name, or a transition leads to a floor that there is not.
         """
         names = [floor.name for floor in self.floors]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise SiteError(f"site {self.name!r}: found several floors called {', '.join(twice)}; names must be unique")
+        for transition in self.transitions:
+            if unknown := [name for name in transition.floors if name not in names]:
+                found = f"a transition ({transition.kind}) to {', '.join(map(repr, unknown))}"
+                raise SiteError(f"site {self.name!r}: found {found}; its floors are {', '.join(names)}")
         models = {
             key: MappingProxyType({name: frozen(array, np.asarray(array).dtype) for name, array in model.items()})
             for key, model in sorted(self.models.items())
@@ -142,7 +149,7 @@ SITE_FORMAT: Final = 1
 MANIFEST_FILE: Final = "site.json"
 
 
-class FloorEntry(msgspec.Struct, frozen=True, kw_only=True):
+class FloorEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A floor; ``file`` is its GeoJSON relative to the site."""
 
     name: str
@@ -150,6 +157,15 @@ class FloorEntry(msgspec.Struct, frozen=True, kw_only=True):
     width_m: float
     height_m: float
     file: str
+    elevation_m: float | None = None
+
+
+class TransitionEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """Stairs, a lift or an escalator; ``areas`` are rings, or single points, in metres on the floors of that order."""
+
+    kind: TransitionKind
+    floors: tuple[str, str]
+    areas: tuple[list[tuple[float, float]], list[tuple[float, float]]]
 
 
 class HeldOutEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -170,8 +186,8 @@ class ModelEntry(msgspec.Struct, frozen=True, kw_only=True):
     file: str
 
 
-class SiteManifest(msgspec.Struct, frozen=True, kw_only=True):
-    """The whole of ``site.json``."""
+class SiteManifest(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The whole of ``site.json``; what most sites do not have is left out."""
 
     format: int
     tickfix: str
@@ -180,6 +196,7 @@ class SiteManifest(msgspec.Struct, frozen=True, kw_only=True):
     held_out: list[HeldOutEntry]
     models: list[ModelEntry]
     notes: dict[str, int]
+    transitions: list[TransitionEntry] = []
 
 
 class _FormatHeader(msgspec.Struct, frozen=True):
@@ -267,7 +284,14 @@ def load_site(path: Path) -> Site:
     return Site(
         name=manifest.name,
         floors=tuple(
-            load_floor(path / f.file, name=f.name, level=f.level, width_m=f.width_m, height_m=f.height_m)
+            load_floor(
+                path / f.file,
+                name=f.name,
+                level=f.level,
+                width_m=f.width_m,
+                height_m=f.height_m,
+                elevation_m=f.elevation_m,
+            )
             for f in manifest.floors
         ),
         radio_map=load_radio_map(path / _RADIO_MAP),
@@ -275,7 +299,21 @@ def load_site(path: Path) -> Site:
         held_out=tuple(_held_out_from_entry(entry, path) for entry in manifest.held_out),
         models={entry.key: load_arrays(path / entry.file) for entry in manifest.models},
         notes=manifest.notes,
+        transitions=tuple(_transition_from_entry(path, entry) for entry in manifest.transitions),
     )
+
+
+def _transition_from_entry(folder: Path, entry: TransitionEntry) -> Transition:
+    first, second = (np.array(area, dtype=np.float64).reshape(-1, 2) for area in entry.areas)
+    try:
+        return Transition(kind=entry.kind, floors=entry.floors, areas=(first, second))
+    except EventError as error:
+        raise SiteError(f"{folder / MANIFEST_FILE}: transitions: {error}; undo the last edit") from error
+
+
+def _transition_entry(transition: Transition) -> TransitionEntry:
+    first, second = ([(x, y) for x, y in area.tolist()] for area in transition.areas)
+    return TransitionEntry(kind=transition.kind, floors=transition.floors, areas=(first, second))
 
 
 def _write_files(site: Site, folder: Path, final: Path) -> None:
@@ -286,6 +324,7 @@ def _write_files(site: Site, folder: Path, final: Path) -> None:
             width_m=floor.width_m,
             height_m=floor.height_m,
             file=f"floors/{_file_name(floor.name)}.geojson",
+            elevation_m=floor.elevation_m,
         )
         for floor in site.floors
     ]
@@ -306,6 +345,7 @@ def _write_files(site: Site, folder: Path, final: Path) -> None:
         held_out=[_held_out_entry(held_out, final) for held_out in site.held_out],
         models=models,
         notes=dict(site.notes),
+        transitions=[_transition_entry(transition) for transition in site.transitions],
     )
     save_manifest(folder, manifest)
 

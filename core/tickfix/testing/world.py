@@ -35,6 +35,7 @@ from tickfix.api import (
     Scan,
     Survey,
     SurveyWalk,
+    Transition,
     Truth,
     displacement,
     frozen,
@@ -114,7 +115,10 @@ class ReferenceMap:
     Attributes:
         area: where one can stand, None where that has no bounds.
         lines: everything that blocks a move.
+        transitions: none.
     """
+
+    transitions: tuple[Transition, ...] = ()
 
     def __init__(self, floor: Floor) -> None:
         """Take the floor as it is drawn."""

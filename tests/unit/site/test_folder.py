@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from surveys import small_site, walk
 
-from tickfix.api import Floor, ReaderError, Recording, SiteError
+from tickfix.api import BaseMap, Context, EventError, Floor, ReaderError, Recording, SiteError, Transition
 from tickfix.site import Site, load_site, save_site
 from tickfix.site.data_files import load_floor, save_floor
 from tickfix.site.survey_builder import read_floor_plans, survey_recordings
@@ -261,3 +261,69 @@ def test_an_empty_site_comes_back_too(tmp_path: Path) -> None:
     assert isinstance(loaded, Site)
     assert len(loaded.radio_map) == 0
     assert plain(loaded) == plain(site)
+
+
+STAIRS = Transition(
+    kind="stairs",
+    floors=("F1", "F2"),
+    areas=(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0]]), np.array([[1.5, 2.5]])),
+)
+
+
+def test_transitions_and_elevations_come_back_and_cost_other_sites_no_byte(tmp_path: Path) -> None:
+    flat = small_site()
+    names = [floor.name for floor in flat.floors]
+    plain_site = save_and_read(flat, tmp_path / "flat")
+    assert "elevation_m" not in plain_site
+    assert "transitions" not in plain_site
+    upper = replace(flat.floors[0], name="F2", level=2, elevation_m=4.25)
+    lower = replace(flat.floors[0], name="F1", elevation_m=0.0)
+    others = tuple(floor for floor in flat.floors if floor.name not in ("F1", "F2"))
+    tall = replace(flat, floors=(lower, *others, upper), transitions=(STAIRS,))
+    save_site(tall, tmp_path / "tall")
+    found = load_site(tmp_path / "tall")
+    assert plain(found) == plain(tall)
+    assert [found.floor(name).elevation_m for name in ("F1", "F2")] == [0.0, 4.25]
+    assert names
+
+
+def save_and_read(site: Site, folder: Path) -> str:
+    save_site(site, folder)
+    return (folder / "site.json").read_text("utf-8")
+
+
+def test_a_transition_to_a_floor_that_is_not_there_is_refused() -> None:
+    site = small_site()
+    with pytest.raises(SiteError, match="found a transition"):
+        replace(site, floors=(replace(site.floors[0], name="F1"),), transitions=(STAIRS,))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"kind": "ladder"}, "found 'ladder'"),
+        ({"floors": ("F1", "F1")}, "two different floors"),
+        ({"areas": (np.zeros((2, 2)), np.zeros((1, 2)))}, "found 2 points"),
+        ({"areas": (np.full((3, 2), np.nan), np.zeros((1, 2)))}, "finite ring"),
+    ],
+)
+def test_a_transition_that_cannot_be_is_refused(change: dict[str, Any], says: str) -> None:
+    with pytest.raises(EventError, match=says):
+        replace(STAIRS, **change)
+
+
+def test_maps_have_the_transitions_of_their_floor() -> None:
+    class Open(BaseMap[Any]):
+        def contains(self, xy: Any) -> Any: ...
+        def crosses(self, a: Any, b: Any) -> Any: ...
+        def nearest_free(self, xy: Any) -> Any: ...
+        def snap(self, previous: Any, xy: Any) -> Any: ...
+
+    lift = Transition(kind="lift", floors=("F2", "F3"), areas=(np.zeros((1, 2)), np.zeros((1, 2))))
+    context = Context(transitions=(STAIRS, lift))
+    assert Open(None, replace(context, floor=Floor(name="F1"))).transitions == (STAIRS,)
+    assert Open(None, replace(context, floor=Floor(name="F2"))).transitions == (STAIRS, lift)
+    assert Open(None, context).transitions == ()
+    assert STAIRS.other_floor("F1") == "F2"
+    assert STAIRS.area("F2") is STAIRS.areas[1]
+    assert STAIRS.area("F3") is None
