@@ -19,11 +19,12 @@ from tickfix.cli.replay import PipelineNames, override_config
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load_config
 from tickfix.journal import JournalError
+from tickfix.live.engine import Engine
 from tickfix.live.heartbeat import WatchdogHeartbeat
 from tickfix.live.protocol import OverrunError, WorkerError
 from tickfix.live.recovery import resumable_run
 from tickfix.live.serve_options import LiveSettings, ServeOptions
-from tickfix.live.startup import LiveEngine, require_serving_platform
+from tickfix.live.startup import require_serving_platform
 from tickfix.live.startup import serve as run_engine
 from tickfix.live.supervisor import CRASH_SIGNALS, EXIT_CRASHED, EXIT_FINAL, supervise
 from tickfix.ports import PortAddresses
@@ -113,7 +114,7 @@ def _run_engine(options: ServeOptions, plugins: Registry, heartbeat: WatchdogHea
         sys.stdout.writelines(f"  {name:<10} {address or 'closed'}\n" for name, address in shown.items())
         sys.stdout.flush()
 
-    def on_ended(engine: LiveEngine) -> None:
+    def on_ended(engine: Engine) -> None:
         report = engine.report()
         if as_json:
             _print_json_line({"ended": report})
@@ -125,7 +126,7 @@ def _run_engine(options: ServeOptions, plugins: Registry, heartbeat: WatchdogHea
             f"work a round p50 {work['p50']:.1f} p99 {work['p99']:.1f} max {work['max']:.1f} ms\n"
         )
 
-    def control(engine: LiveEngine) -> None:
+    def control(engine: Engine) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: engine.stop())
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, Final
@@ -195,12 +195,6 @@ class DeviceSchedule:
     def __iter__(self) -> Iterator[str]:
         """Yield the names of the devices; some may be forgotten meanwhile."""
         return iter(tuple(self._progress))
-
-    def recover(self, progress_by_device: Mapping[str, DeviceProgress], now_ns: int) -> None:
-        """Take over devices as a replica was restored with them; ``now_ns`` is when they count as heard."""
-        for device, progress in progress_by_device.items():
-            self.update(device, progress)
-            self.observe(device, now_ns)
 
     def update(self, device: str, progress: DeviceProgress) -> None:
         """Take note of how far a device has come."""

@@ -9,21 +9,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from tickfix.client import Keys
 from tickfix.config import build_pipelines
 from tickfix.journal import JournalWriter
 from tickfix.kernel import QUARANTINED, KernelSettings, Pipeline, StageFailure
-from tickfix.live.engine import Engine
-from tickfix.live.engine_status import EngineStatus, StatusSource, static_status
-from tickfix.live.follower import Follower, Leader
+from tickfix.live.engine import Engine, EventSource
+from tickfix.live.engine_status import EngineStatus, static_status
+from tickfix.live.follower import FollowSource, Leader
 from tickfix.live.heartbeat import WatchdogHeartbeat
 from tickfix.live.localization import LocatorThreads, ScanLocator, with_fingerprint_cache
 from tickfix.live.protocol import EngineError, Executor
 from tickfix.live.publisher import WriteAheadBuffer
 from tickfix.live.recovery import last_values, open_journal, resume_if_requested, retry_while_locked, run_ids
 from tickfix.live.replica import Replica
+from tickfix.live.sensor_source import SensorSource
 from tickfix.live.serve_options import LiveSettings, ServeOptions
 from tickfix.live.worker import Worker
 from tickfix.live.worker_pool import WorkerPool
@@ -121,19 +122,6 @@ def _failure_logger(log: Callable[[str], None]) -> Callable[[StageFailure], None
     return log_failure
 
 
-class LiveEngine(StatusSource, Protocol):
-    """An engine: one that takes sensors in, or one that follows another."""
-
-    def recover(self) -> None:
-        """Take over what the replica was restored with."""
-
-    def serve(self) -> None:
-        """Run until told to stop."""
-
-    def stop(self) -> None:
-        """Stop after this round; from any thread."""
-
-
 def serve(
     options: ServeOptions,
     registry: Registry,
@@ -141,8 +129,8 @@ def serve(
     *,
     on_started: Callable[[str, PortAddresses], None],
     log: Callable[[str], None],
-    on_ended: Callable[[LiveEngine], None] = lambda _: None,
-    control: Callable[[LiveEngine], None] = lambda _: None,
+    on_ended: Callable[[Engine], None] = lambda _: None,
+    control: Callable[[Engine], None] = lambda _: None,
 ) -> None:
     """Serve until told to stop.
 
@@ -175,7 +163,7 @@ def serve(
     addresses = retry_while_locked(hub.start)
     writer: JournalWriter | None = None
 
-    def after_round(engine: LiveEngine) -> None:
+    def after_round(engine: Engine) -> None:
         heartbeat.beat()
         status.refresh(engine)
 
@@ -183,33 +171,28 @@ def serve(
         writer = open_journal(options, registry, run, resumed, replica)
         status.hub = hub
         write_ahead = WriteAheadBuffer(writer, hub)
-        engine: LiveEngine
+        source: EventSource
         if options.follow:
             if isinstance(replica, WorkerPool):
-                replica.scan_locator(hub.wake)  # nothing is located for a follower, but it hears when a worker is gone
-            followed = Leader(options.follow, _follow_keys(options.follow_key))
-            engine = Follower(
-                followed, replica, hub, write_ahead, live, site=site.name, names=names, after_round=after_round, log=log
-            )
+                replica.scan_locator(hub.wake)  # locates nothing here, but learns when a worker dies
+            source = FollowSource(Leader(options.follow, _follow_keys(options.follow_key)), hub, log=log)
         else:
-            scan_locator = build_scan_locator(replica, live, hub.wake)
-            engine = Engine(
-                replica,
-                scan_locator,
-                hub,
-                write_ahead,
-                live,
-                site=site.name,
-                names=names,
-                after_round=after_round,
-                log=log,
-            )
+            source = SensorSource(hub, build_scan_locator(replica, live, hub.wake), live, log=log)
+        engine = Engine(
+            source,
+            replica,
+            hub,
+            write_ahead,
+            live,
+            site=site.name,
+            names=names,
+            after_round=after_round,
+            log=log,
+        )
         engine.recover()
         status.refresh(engine)
         if resumed is not None:
-            hub.publish(
-                last_values(resumed, site.name, engine.report()["primary"], all_pipelines=live.publish == "all")
-            )
+            hub.publish(last_values(resumed, site.name, engine.primary, all_pipelines=live.publish == "all"))
         control(engine)
         on_started(shown, addresses)
         heartbeat.mark_serving()

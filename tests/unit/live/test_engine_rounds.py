@@ -18,6 +18,7 @@ from tickfix.live.engine import Engine
 from tickfix.live.localization import LocatorThreads
 from tickfix.live.publisher import WriteAheadBuffer
 from tickfix.live.replica import Replica
+from tickfix.live.sensor_source import SensorSource
 from tickfix.live.serve_options import LiveSettings
 from tickfix.ports import Hub, InboundMessage, Peer, PeerLimits, PortSettings
 from tickfix.ports.peers import PeerState
@@ -43,9 +44,10 @@ class Rounds:
         self.hub.start()
         self.told: list[str] = []
         self.locator = LocatorThreads(self.replica.kernel.fingerprint_requests, self.hub.wake)
+        self.source = SensorSource(self.hub, self.locator, LiveSettings(), log=self.told.append)
         self.engine = Engine(
+            self.source,
             self.replica,
-            self.locator,
             self.hub,
             WriteAheadBuffer(None, self.hub),
             LiveSettings(),
@@ -122,8 +124,8 @@ def test_more_scans_than_can_wait_are_put_off(rounds: Rounds) -> None:
         return Scan(transmitters=("a",), rssi_dbm=np.array([-60.0]), heard_ns=heard_ns, device="d", session="s", seq=n)
 
     for n in range(1, 400):
-        rounds.engine._admission.take(InboundMessage(scan(n), rounds._peer, False, 0))
-        rounds.engine._tasks.execute()
+        rounds.source.admit(InboundMessage(scan(n), rounds._peer, False, 0), rounds.engine, 0)
+        rounds.engine.execute()
     assert rounds.outcomes == {"busy": 399 - 256}
 
 
