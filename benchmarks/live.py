@@ -91,7 +91,7 @@ def engine(site: Path, settings: Path, journal: Path, pipeline: str) -> Iterator
     """Run ``tickfix serve`` on free ports; yield the process and its addresses."""
     command = [sys.executable, "-m", "tickfix.cli.main", "serve", str(site), "--config", str(settings)]
     command += ["--pipeline", pipeline, "--journal", str(journal), "--no-watchdog", "--json"]
-    for port in ("sensors", "positions", "control", "feed"):
+    for port in ("sensors", "positions", "control", "follow-bind"):
         command += [f"--{port}", "tcp://127.0.0.1:*"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own command
     try:

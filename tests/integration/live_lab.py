@@ -179,7 +179,7 @@ class Lab:
         file = self.place / "live.toml"
         file.write_text(config, encoding="utf-8")
         where = dict.fromkeys(PORTS, "tcp://127.0.0.1:*") if at is None else {name: at[name] for name in PORTS}
-        names = {"follow": "feed"}
+        names = {"follow": "follow-bind"}
         addresses = [part for name, value in where.items() for part in (f"--{names.get(name, name)}", value)]
         command = ("serve", self.site, "--config", file, "--json", *addresses, *options)
         return Engine(self.start(*command, before=before))

@@ -15,7 +15,7 @@ from tickfix.client import Control, Listener
 NODE = shutil.which("node")
 JAVASCRIPT = Path(__file__).parents[2] / "examples" / "javascript"
 PATIENCE_S = 60.0
-PORTS = ("sensors", "positions", "control", "feed")
+PORTS = ("sensors", "positions", "control", "follow-bind")
 
 pytestmark = pytest.mark.skipif(NODE is None, reason="Node.js is not installed")
 
