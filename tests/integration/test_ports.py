@@ -14,7 +14,7 @@ from ports_lab import PATIENCE_MS, Client, Loop, all_done, free_ports, message, 
 
 from tickfix.api import MotionSamples, Pressure
 from tickfix.api.errors import PortError
-from tickfix.ports import Hub, PeerLimits, PortSettings, Publication
+from tickfix.ports import ASK_LOOP, Hub, PeerLimits, PortSettings, Publication
 from tickfix.ports.port_settings import Clock
 from tickfix.wire import Hello, MessageLimits, ReplyOutcome
 
@@ -25,6 +25,8 @@ Connect = Callable[..., Client]
 def describe(what: str, args: Any) -> Any:
     if what == "plugins":
         raise KeyError("no such thing")
+    if args.get("of") == "the loop":
+        return ASK_LOOP
     return {"what": what, "args": dict(args)}
 
 
@@ -481,6 +483,19 @@ def test_control_answers_while_the_loop_takes_nothing(open_hub: Open, connect: C
         client.send(b"nonsense")
         assert client.hear()["outcome"] == "malformed"
     assert hub.counters()["control"] == {"requests": 10, "refused": 4}
+
+
+def test_a_query_that_needs_the_loop_is_answered_by_it_and_no_other_waits_for_that(
+    open_hub: Open, connect: Connect, run_loop: Callable[..., Loop]
+) -> None:
+    hub = open_hub()
+    patient, other = (connect(zmq.REQ, hub.addresses.control) for _ in range(2))
+    patient.tell("request", what="status", args={"of": "the loop"})
+    assert other.ask("status")["data"] == {"what": "status", "args": {}}
+    assert patient.hears_nothing_for(1)
+    run_loop(hub)
+    answer = patient.hear()
+    assert (answer["ok"], answer["data"]) == (True, {"did": "status", "of": "the loop"})
 
 
 def test_orders_are_carried_out_by_the_loop(open_hub: Open, connect: Connect, run_loop: Callable[..., Loop]) -> None:

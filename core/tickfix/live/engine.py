@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from tickfix.api import Event, Truth
-from tickfix.live.engine_status import DurationHistogram
+from tickfix.live.engine_status import LOOP_QUERIES, DurationHistogram, EngineStatus
 from tickfix.live.protocol import Executor, FeedEvent, OverrunError, ReplicaStep, ReplicaStepResult
 from tickfix.live.publisher import EstimatePublisher, PublishQueue, WriteAheadBuffer
 from tickfix.live.scheduler import Deadlines, DeviceSchedule, OverloadDetector
@@ -99,7 +99,8 @@ class Engine:
         site: its name.
         names: of the pipelines, in their order.
         clock: monotonic.
-        after_round: called after each round, at least four times a second.
+        status: answers queries; learns after each round, at least four times a second, that the loop is alive.
+        beat: called after each round, as a sign of life.
         log: gets one sentence about anything an operator must know.
 
     Attributes:
@@ -117,7 +118,8 @@ class Engine:
         site: str,
         names: Sequence[str],
         clock: Clock | None = None,
-        after_round: Callable[[Engine], None] = lambda _: None,
+        status: EngineStatus | None = None,
+        beat: Callable[[], None] = lambda: None,
         log: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Prepare the loop; :meth:`serve` runs it."""
@@ -128,7 +130,8 @@ class Engine:
         self._settings = settings
         self._names = tuple(names)
         self._clock = Clock() if clock is None else clock
-        self._after_round = after_round
+        self._status = EngineStatus({}, clock) if status is None else status
+        self._beat = beat
         self._log = log
         self._overload = OverloadDetector(settings.overload_s)
         self.schedule = DeviceSchedule(Deadlines(round(settings.grace_ms * 1e6), round(settings.coast_s * 1e9)))
@@ -192,7 +195,8 @@ class Engine:
         if worked:
             self._round_duration.add((now_ns - started_ns) * 1e-6)
         self._check_overload(0 if oldest_ns is None else now_ns - oldest_ns, now_ns)
-        self._after_round(self)
+        self._status.round_ended(self)
+        self._beat()
 
     def feed(self, event: Event, body: bytes, ready_ns: int | None, item: InboundMessage | None = None) -> int:
         """Journal an event, whose canonical bytes are ``body``, have it fed, and return its number."""
@@ -375,6 +379,9 @@ class Engine:
         self._hub.forget(device)
 
     def _handle_command(self, command: ControlCommand) -> None:
+        if command.what in LOOP_QUERIES:
+            command.reply(*_succeeded(self._status.answer(command.what, self)))
+            return
         if not self.journal_full:
             self.execute_now()
         if command.what == "stop":
@@ -411,8 +418,8 @@ class Engine:
         self._log(f"{message}; new devices are refused until it keeps up")
 
 
-def _succeeded(message: str) -> tuple[bool, str]:
-    return True, message
+def _succeeded(data: Any) -> tuple[bool, Any]:
+    return True, data
 
 
 def _rejected(reason: str) -> tuple[bool, str]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
 
 from tickfix.config import Config
-from tickfix.ports import Clock, Hub
+from tickfix.ports import ASK_LOOP, Clock, Hub
 from tickfix.registry import Registry
 from tickfix.version import __version__
 
@@ -55,19 +55,25 @@ class DurationHistogram:
         }
 
 
-_REFRESH_NS: Final = 200_000_000
+_MAX_AGE_NS: Final = 200_000_000
 _STALE_S: Final = 2.0
 _MAX_DEVICES: Final = 10_000
+LOOP_QUERIES: Final = frozenset({"status", "counters", "devices"})
+"""Queries whose answers need the loop."""
 
 
 class StatusSource(Protocol):
-    """An engine that can say how it is."""
+    """An engine that can report on itself."""
+
+    @property
+    def overload(self) -> str | None:
+        """Why new devices are refused, None when all is well."""
 
     def report(self) -> dict[str, Any]:
-        """Return what an operator wants to know, as plain values."""
+        """Return counters and durations as plain values."""
 
     def devices(self, most: int) -> tuple[dict[str, Any], ...]:
-        """Return how far each device has come, ``most`` of them."""
+        """Return how far each device has come, at most ``most`` of them."""
 
 
 def static_status(
@@ -109,10 +115,16 @@ def static_status(
 
 
 class EngineStatus:
-    """Answers the questions of the control port.
+    """Answers the queries of the control port.
+
+    Counters of ten thousand devices take tens of milliseconds to collect, and only the loop's thread may read them. So
+    they are collected when they are asked for, and at most five times a second: the port's thread answers with what it
+    has if that is recent, and otherwise leaves the query to the loop (:data:`~tickfix.ports.ASK_LOOP`). If the loop
+    hangs, the port's thread answers with the last values rather than not at all, and ``health`` says so.
 
     Args:
         static_status: what never changes, see :func:`static_status`.
+        clock: monotonic.
     """
 
     def __init__(self, static_status: Mapping[str, Any], clock: Clock | None = None) -> None:
@@ -120,39 +132,59 @@ class EngineStatus:
         self._static_status = static_status
         self._clock = Clock() if clock is None else clock
         self._started_ns = self._clock.monotonic_ns()
-        self._refreshed_ns = 0
-        self._state: Mapping[str, Any] = {}
-        self._devices: tuple[Mapping[str, Any], ...] = ()
+        # Each of these is replaced as a whole, so that the port's thread always reads values of one instant.
+        self._last_round: tuple[int, str | None] | None = None
+        self._report: tuple[int, Mapping[str, Any]] = (0, {})
+        self._devices: tuple[int, Sequence[Mapping[str, Any]]] = (0, ())
         self.hub: Hub | None = None
 
-    def refresh(self, engine: StatusSource) -> None:
-        """Copy what the engine says of itself, a few times a second; called by the loop."""
+    def round_ended(self, engine: StatusSource) -> None:
+        """Take note that the loop is alive; called by the loop after each round, and cheap."""
+        self._last_round = self._clock.monotonic_ns(), engine.overload
+
+    def answer(self, what: str, engine: StatusSource) -> Any:
+        """Answer a query that was left to the loop; called by the loop."""
         now_ns = self._clock.monotonic_ns()
-        if now_ns - self._refreshed_ns >= _REFRESH_NS:
-            self._state, self._devices = engine.report(), engine.devices(_MAX_DEVICES)
-            self._refreshed_ns = now_ns
+        if what == "devices" and not self._is_recent(self._devices[0], now_ns):
+            self._devices = now_ns, engine.devices(_MAX_DEVICES)
+        elif what != "devices" and not self._is_recent(self._report[0], now_ns):
+            self._report = now_ns, engine.report()
+        return self._cached(what)
 
     def describe(self, what: str, args: Mapping[str, Any]) -> Any:
-        """Answer a question; quick, and safe from any thread.
+        """Answer a query at once, from any thread; :data:`~tickfix.ports.ASK_LOOP` where the loop has to.
 
         Raises:
-            ValueError: for a question that is none.
+            ValueError: for an unknown query.
         """
         del args
-        if what == "status":
-            return self._status()
         if what == "health":
             return self._health()
-        if what == "counters":
-            return {"engine": dict(self._state), "ports": self._ports()}
-        if what == "devices":
-            return list(self._devices)
+        if what in LOOP_QUERIES:
+            collected_ns = (self._devices if what == "devices" else self._report)[0]
+            recent = self._is_recent(collected_ns, self._clock.monotonic_ns())
+            return self._cached(what) if recent or self._loop_age_s > _STALE_S else ASK_LOOP
         if what in ("pipelines", "plugins", "configuration"):
             return self._static_status[what]
         raise ValueError(f"what: found {what!r}, expected status, health, counters, devices, pipelines or plugins")
 
+    def _cached(self, what: str) -> Any:
+        if what == "devices":
+            return list(self._devices[1])
+        return self._status() if what == "status" else {"engine": dict(self._report[1]), "ports": self._ports()}
+
+    @staticmethod
+    def _is_recent(collected_ns: int, now_ns: int) -> bool:
+        return collected_ns > 0 and now_ns - collected_ns < _MAX_AGE_NS
+
+    @property
+    def _loop_age_s(self) -> float:
+        """Seconds since the last round ended, 0 before the first."""
+        last = self._last_round
+        return 0.0 if last is None else (self._clock.monotonic_ns() - last[0]) * 1e-9
+
     def _status(self) -> dict[str, Any]:
-        ports, state = self._ports(), dict(self._state)
+        ports, state = self._ports(), dict(self._report[1])
         primary = state.pop("primary", "")
         failures = state.get("failures", {})
         return {
@@ -172,12 +204,12 @@ class EngineStatus:
         }
 
     def _health(self) -> dict[str, Any]:
-        age_s = (self._clock.monotonic_ns() - self._refreshed_ns) * 1e-9 if self._refreshed_ns else 0.0
+        age_s, overload = self._loop_age_s, None if self._last_round is None else self._last_round[1]
         problems = [*self._static_status["notes"]]
         if age_s > _STALE_S:
             problems.append(f"the loop has been silent for {age_s:.1f} s")
-        if self._state.get("overload"):
-            problems.append(str(self._state["overload"]))
+        if overload:
+            problems.append(overload)
         return {"ok": not problems, "problems": problems, "loop_age_s": age_s}
 
     def _ports(self) -> dict[str, Any]:

@@ -163,10 +163,6 @@ def serve(
     addresses = retry_while_locked(hub.start)
     writer: JournalWriter | None = None
 
-    def after_round(engine: Engine) -> None:
-        heartbeat.beat()
-        status.refresh(engine)
-
     try:
         writer = open_journal(options, registry, run, resumed, replica)
         status.hub = hub
@@ -186,11 +182,11 @@ def serve(
             live,
             site=site.name,
             names=names,
-            after_round=after_round,
+            status=status,
+            beat=heartbeat.beat,
             log=log,
         )
         engine.recover()
-        status.refresh(engine)
         if resumed is not None:
             hub.publish(last_values(resumed, site.name, engine.primary, all_pipelines=live.publish == "all"))
         control(engine)

@@ -1,8 +1,9 @@
-"""The control port: answers queries from snapshots at once, and queues commands for the engine loop."""
+"""The control port: answers queries at once where it can, and queues commands and the other queries for the loop."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from enum import Enum
 from typing import Any, Final
 
 import zmq
@@ -21,7 +22,15 @@ from tickfix.wire.engine_messages import (
 )
 
 LOOP_COMMANDS: Final = frozenset({"drain", "stop", "primary"})
-"""Requests that the loop must carry out; all others are answered by the port itself."""
+"""Requests that the loop must carry out; all others are queries."""
+
+
+class _AskLoop(Enum):
+    ASK_LOOP = "ask the loop"
+
+
+ASK_LOOP: Final = _AskLoop.ASK_LOOP
+"""What ``describe`` returns for a query that only the loop can answer; it is queued like a command."""
 
 _REQUESTS_PER_ROUND: Final = 16
 _DROPS_BEFORE_PAUSE: Final = 8
@@ -93,10 +102,11 @@ class ControlPort:
             self.refused += 1
             self._send(peer, encode_engine_message(error_reply(problem, body)))
             return False
-        if request.what in LOOP_COMMANDS:
-            self._forward_command(peer, request)
+        reply = None if request.what in LOOP_COMMANDS else self._describe_reply(request)
+        if reply is None:
+            self._forward_to_loop(peer, request)
         else:
-            self._send(peer, self._describe_reply(request))
+            self._send(peer, reply)
         return True
 
     def _request(self, peer: Peer, received: RouterMessage, now_ns: int) -> ControlRequest:
@@ -109,15 +119,15 @@ class ControlPort:
             raise WireError("message", f"{received.frames} frames", "one frame, or an empty one and one")
         return decode_request(received.body)
 
-    def _describe_reply(self, request: ControlRequest) -> bytes:
+    def _describe_reply(self, request: ControlRequest) -> bytes | None:
+        """Return the reply to a query, None where the loop must answer it."""
         try:
             data = self._describe(request.what, request.args)
-            return encode_engine_message(ControlReply(v=VERSION, what=request.what, ok=True, data=data))
-        except Exception as problem:  # noqa: BLE001 - an answer that fails is told to who asked, and harms nobody else
-            reason = f"{type(problem).__name__}: {problem}"
-            return encode_engine_message(ControlReply(v=VERSION, what=request.what, ok=False, data=reason))
+        except Exception as problem:  # noqa: BLE001 - a failed query is reported to its sender, and concerns nobody else
+            return _encode_reply(request.what, ok=False, data=f"{type(problem).__name__}: {problem}")
+        return None if data is ASK_LOOP else _encode_reply(request.what, ok=True, data=data)
 
-    def _forward_command(self, peer: Peer, request: ControlRequest) -> None:
+    def _forward_to_loop(self, peer: Peer, request: ControlRequest) -> None:
         replied = False
 
         def reply(ok: bool, data: Any) -> None:  # noqa: FBT001 - the shape that Command names
@@ -125,15 +135,15 @@ class ControlPort:
             if replied:
                 return
             replied = True
-            answer = encode_engine_message(ControlReply(v=VERSION, what=request.what, ok=ok, data=data))
-            self._post(lambda: self._send(peer, answer))
+            # Encoded on this port's thread: a list of ten thousand devices would hold up the loop.
+            self._post(lambda: self._send(peer, _encode_reply(request.what, ok=ok, data=data)))
 
         if not self._inbound_queue.command(ControlCommand(request.what, request.args, reply)):
             busy = ErrorReply(
                 v=VERSION,
                 outcome=ReplyOutcome.BUSY,
                 field="message",
-                found="too many orders that wait for the loop",
+                found="too many requests that wait for the loop",
                 expected="the same request later",
             )
             self._send(peer, encode_engine_message(busy))
@@ -143,3 +153,12 @@ class ControlPort:
             self._socket.send_multipart(peer.envelope(body), zmq.NOBLOCK)
         except zmq.ZMQError:
             self.replies_lost += 1
+
+
+def _encode_reply(what: str, *, ok: bool, data: Any) -> bytes:
+    """Encode a reply; data that MessagePack cannot hold make it a failed one."""
+    try:
+        return encode_engine_message(ControlReply(v=VERSION, what=what, ok=ok, data=data))
+    except Exception as problem:  # noqa: BLE001 - see above
+        reason = f"{type(problem).__name__}: {problem}"
+        return encode_engine_message(ControlReply(v=VERSION, what=what, ok=False, data=reason))

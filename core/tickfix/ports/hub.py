@@ -41,24 +41,23 @@ class PortAddresses:
 class Hub:
     """All sockets of an engine, and the one thread that touches them.
 
-    The loop takes what came in with :meth:`take` and owes each :class:`InboundMessage` one :meth:`answer`; everything
-    else
-    here may be called from any thread and returns at once.
+    The loop takes what came in with :meth:`take` and owes each :class:`InboundMessage` one :meth:`answer`, and each
+    :class:`ControlCommand` one reply; everything else here may be called from any thread and returns at once.
 
     ``describe(what, args)`` is called on the hub's thread for every request but ``drain``, ``stop`` and ``primary``
-    (those come out of :meth:`take` as :class:`ControlCommand`) and ``subscribe-info`` (answered here). It must be
-    quick and
-    safe from a foreign thread, and return what MessagePack can hold; what it raises is told to who asked.
-    ``tickfix status`` shows what ``describe("status", {})`` returns, a plain dict::
+    (those come out of :meth:`take` as :class:`ControlCommand`) and ``subscribe_info`` (answered here). It must be
+    quick and safe from a foreign thread, and return what MessagePack can hold, or :data:`ASK_LOOP`: then the query
+    comes out of :meth:`take` as a :class:`ControlCommand`, too. What it raises is reported to the requester.
+    ``tickfix status`` shows the answer to ``status``, a plain dict::
 
         {
           "run": str, "site": str, "uptime_s": float,
           "devices": int,                                   # devices followed now
           "ticks": int,                                     # ticks closed since the run began
-          "lateness_ms": {"p50": float, "p99": float, "max": float},   # of a tick's deadline
-          "work_ms": {"p50": float, "p99": float, "max": float},       # per round of the loop
+          "tick_latency_ms": {"p50": float, "p99": float, "max": float},     # after a tick's deadline
+          "round_duration_ms": {"p50": float, "p99": float, "max": float},   # per round of the loop
           "intake": {outcome: int, ...},                    # hub.counters()["intake"]["outcomes"]
-          "measurements": {fate: int, ...},                 # what the kernel made of single samples and readings
+          "measurements": {outcome: int, ...},              # of single samples and readings, by the kernel
           "failures": {label: int, ...},                    # by pipeline and stage
           "publications": {name: int, ...},                 # hub.counters()["publications"]
           "journal": {name: int | float | str, ...},        # empty without one

@@ -15,12 +15,13 @@ from tickfix.api import Context, Event, MotionSamples, Pressure, Samples, Scan
 from tickfix.kernel import KernelSettings
 from tickfix.kernel.device import Device
 from tickfix.live.engine import Engine
+from tickfix.live.engine_status import EngineStatus
 from tickfix.live.localization import LocatorThreads
 from tickfix.live.publisher import WriteAheadBuffer
 from tickfix.live.replica import Replica
 from tickfix.live.sensor_source import SensorSource
 from tickfix.live.serve_options import LiveSettings
-from tickfix.ports import Hub, InboundMessage, Peer, PeerLimits, PortSettings
+from tickfix.ports import ASK_LOOP, Clock, ControlCommand, Hub, InboundMessage, Peer, PeerLimits, PortSettings
 from tickfix.ports.peers import PeerState
 from tickfix.registry import discover
 from tickfix.wire import Bye
@@ -29,12 +30,21 @@ from tickfix.wire.engine_messages import RunDevice
 S = 1_000_000_000
 CONFIG = '[pipelines.k]\npdr = "steps"\nfilter = "kalman"\n'
 ANY = "tcp://127.0.0.1:*"
+STATIC = {"run": "r", "site": "s", "version": "0", "pipelines": [{"name": "k"}], "notes": []}
+
+
+class ManualTime:
+    """Time that stands still until a test moves it."""
+
+    def __init__(self) -> None:
+        self.now_ns = 10 * S
+        self.clock = Clock(monotonic_ns=lambda: self.now_ns)
 
 
 class Rounds:
     """An engine that goes round when it is told to; nothing comes in by its ports."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock | None = None) -> None:
         pipelines = config.build_pipelines(
             config.parse_config(CONFIG, "test", discover()).pipelines, Context(floors={}), {}
         )
@@ -44,6 +54,7 @@ class Rounds:
         self.hub.start()
         self.told: list[str] = []
         self.locator = LocatorThreads(self.replica.kernel.fingerprint_requests, self.hub.wake)
+        self.status = EngineStatus(STATIC, clock)
         self.source = SensorSource(self.hub, self.locator, LiveSettings(), log=self.told.append)
         self.engine = Engine(
             self.source,
@@ -53,9 +64,20 @@ class Rounds:
             LiveSettings(),
             site="s",
             names=["k"],
+            status=self.status,
             log=self.told.append,
         )
         self._peer = Peer(PeerState("p", None, PeerLimits(), 0), b"nobody", delimited=False)
+
+    def ask(self, what: str) -> Any:
+        """Ask as the control port does; whatever is left to the loop is answered in a round."""
+        answer = self.status.describe(what, {})
+        if answer is ASK_LOOP:
+            answers: list[Any] = []
+            self.engine._round([ControlCommand(what, {}, lambda ok, data: answers.append((ok, data)))])
+            ((ok, answer),) = answers
+            assert ok
+        return answer
 
     def round(self, *events: Event | Bye) -> None:
         self.engine._round([InboundMessage(event, self._peer, False, time.monotonic_ns()) for event in events])
@@ -158,3 +180,45 @@ def test_a_device_that_the_kernel_lost_is_forgotten_by_the_loop(
     assert rounds.engine.report()["failures"] == {"device quarantined: ZeroDivisionError": 1}
     rounds.round(motion("d", [2.0]), motion("good", [2.0]))
     assert rounds.replica.progress_by_device()["d"].epoch == 1
+
+
+def test_status_is_collected_only_when_it_is_asked_for_and_at_most_five_times_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time = ManualTime()
+    rounds = Rounds(time.clock)
+    collected: list[str] = []
+    report, devices = rounds.engine.report, rounds.engine.devices
+    monkeypatch.setattr(rounds.engine, "report", lambda: collected.append("report") or report())
+    monkeypatch.setattr(rounds.engine, "devices", lambda most: collected.append("devices") or devices(most))
+    for n in range(20):
+        time.now_ns += S
+        rounds.round(motion("d", [1.0 + n / 5]))
+    assert collected == []
+    status = rounds.ask("status")
+    assert (status["devices"], status["pipelines"]) == (1, [{"name": "k", "primary": True, "state": "running"}])
+    assert rounds.ask("counters")["engine"]["ticks"] == status["ticks"] > 10
+    assert collected == ["report"]
+    assert [one["device"] for one in rounds.ask("devices")] == ["d"]
+    assert collected == ["report", "devices"]
+    time.now_ns += S // 5
+    rounds.round(motion("d", [6.0]))
+    assert rounds.ask("status")["ticks"] > status["ticks"]
+    assert collected == ["report", "devices", "report"]
+    rounds.close()
+
+
+def test_a_loop_that_hangs_is_reported_and_its_last_status_is_answered() -> None:
+    time = ManualTime()
+    rounds = Rounds(time.clock)
+    rounds.round(motion("d", [1.0, 2.0]))
+    assert rounds.ask("health") == {"ok": True, "problems": [], "loop_age_s": 0.0}
+    status = rounds.ask("status")
+    time.now_ns += S
+    assert rounds.status.describe("status", {}) is ASK_LOOP
+    time.now_ns += 2 * S
+    assert rounds.status.describe("status", {})["ticks"] == status["ticks"]
+    assert rounds.ask("health")["problems"] == ["the loop has been silent for 3.0 s"]
+    with pytest.raises(ValueError, match="what: found 'weather'"):
+        rounds.ask("weather")
+    rounds.close()
