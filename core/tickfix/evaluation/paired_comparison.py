@@ -34,14 +34,14 @@ MIN_CHAINS: Final = 6
 
 
 class Conclusion(StrEnum):
-    """What may be concluded of a pipeline."""
+    """The conclusion on a pipeline."""
 
     BETTER = "better"
     """The corrected test says so at the 5 % level, and the 95 % interval lies below 0."""
     WORSE = "worse"
     """The same, and the interval lies above 0."""
     INCONCLUSIVE = "inconclusive"
-    """Neither; this is no proof that they are equal."""
+    """Neither of the two; this is no proof that the pipelines are equal."""
     IDENTICAL = "identical"
     """Every error is the same, bit for bit."""
 
@@ -103,15 +103,15 @@ _PERCENTILE_PERMUTATIONS: Final = 1999
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairedComparison:
-    """One pipeline against the baseline in one figure.
+    """One pipeline against the baseline in one metric.
 
     Attributes:
         pipeline, baseline: names.
-        metric, scope: which figure, over which points; see ``docs/metrics.md``.
+        metric, scope: the metric and its samples; see ``docs/metrics.md``.
         interval: difference and 95 % interval, not corrected for other comparisons.
         p_uncorrected, p: of the paired test; alone, and corrected for the pipelines compared by the same figure.
-        walks, chains, samples: what it rests on.
-        conclusion: what may be concluded.
+        walks, chains, samples: their numbers.
+        conclusion: the conclusion.
         worse_walks: names of the walks with a greater mean error than the baseline's, worst first, each with by how
             much.
     """
@@ -188,9 +188,9 @@ def compare_with_baseline(
     statistic: Statistic,
     walks: Sequence[str] = (),
 ) -> tuple[PairedComparison, ...]:
-    """Compare pipelines with the baseline in one figure; their p-values are corrected for one another.
+    """Compare pipelines with the baseline in one metric; their p-values are corrected for one another.
 
-    The random numbers depend on metric and scope only, so that a pipeline's interval is the same whoever else is there.
+    The random numbers depend on metric and scope only: a pipeline's interval does not depend on the other pipelines.
 
     Args:
         pairs: by pipeline, the baseline left out.
@@ -222,7 +222,7 @@ def _compare_uncorrected(
     statistic: Statistic,
     walks: Sequence[str],
 ) -> PairedComparison:
-    # Sums over chains are cheap, sorting is not.
+    # A percentile sorts in every replicate, which takes far longer than the sums of a mean: fewer replicates.
     effort = {} if isinstance(statistic, PowerMean) else {"replicates": _PERCENTILE_REPLICATES}
     trials = {} if isinstance(statistic, PowerMean) else {"permutations": _PERCENTILE_PERMUTATIONS}
     p = permutation_p_value(paired, statistic, _seeded_rng("permutation", metric, scope), **trials)

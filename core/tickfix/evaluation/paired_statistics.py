@@ -22,14 +22,14 @@ from tickfix.api import Bools, Floats, Ints, Rng, frozen
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PairedErrors:
-    """Two pipelines at n points.
+    """The errors of two pipelines at n samples.
 
-    Points of one walk depend on each other, and so do walks that followed each other without a break; chains of walks
-    are what is drawn and flipped as a whole.
+    Samples of one walk depend on each other, and so do walks that followed each other without a break. The unit that
+    the bootstrap draws and the permutation test swaps is therefore the chain of walks.
 
     Attributes:
         baseline_m, pipeline_m: (n,) float64, errors, all finite.
-        walk, chain: (n,) int64, numbers of the walk and of its chain, from 0 on, none left out.
+        walk, chain: (n,) int64, numbers of the walk and of its chain, consecutive from 0.
     """
 
     baseline_m: Floats
@@ -69,7 +69,7 @@ class PairedErrors:
 
     @property
     def identical(self) -> bool:
-        """Whether the two never differ."""
+        """Whether all errors are equal, bit for bit."""
         return bool(np.array_equal(self.baseline_m, self.pipeline_m))
 
 
@@ -87,15 +87,15 @@ WeightCounts: TypeAlias = NDArray[np.integer[Any]]
 
 
 class Statistic(Protocol):
-    """A figure of errors, metres."""
+    """A statistic of weighted errors, metres."""
 
     def of(self, errors_m: Floats, chain: Ints, weights: WeightCounts) -> Floats:
-        """Return the figure for each of r weightings.
+        """Return the statistic for each of r weightings.
 
         Args:
             errors_m: (n,).
             chain: (n,) numbers of the chains, below c.
-            weights: (r, c) how often the errors of a chain count; in each row some do.
+            weights: (r, c) how often the errors of a chain count; no row is all zero.
 
         Returns:
             (r,) metres.
@@ -177,7 +177,7 @@ class BootstrapInterval:
 
 
 def statistic_difference(paired: PairedErrors, statistic: Statistic) -> float:
-    """Return the quantity of the pipeline less that of the baseline, over all points."""
+    """Return the statistic of the pipeline minus that of the baseline, over all samples, metres."""
     every = np.ones((1, paired.chains), dtype=np.int64)
     pipeline = statistic.of(paired.pipeline_m, paired.chain, every)
     return float(pipeline[0] - statistic.of(paired.baseline_m, paired.chain, every)[0])
@@ -232,6 +232,10 @@ def permutation_p_value(
     ``permutations`` are drawn and p is (1 + as great) / (1 + drawn), which never is 0: B. Phipson
     and G. Smyth, *Permutation p-values should never be zero* (2010).
     """
+    # scipy.stats.permutation_test(permutation_type="samples") computes the same test, and the tests compare with it. It
+    # is not used here for two reasons. It draws swaps in another order, so every p-value of more than 12 chains would
+    # differ from those in published reports. And it takes two differences as equal within 2e-14 of their size, while
+    # sums over thousands of waypoints in another order differ by more: ties would be counted by chance.
     if len(paired) == 0 or paired.identical:
         return 1.0
     c = paired.chains
@@ -241,7 +245,7 @@ def permutation_p_value(
     chain = np.concatenate([paired.chain, paired.chain + c])
     differences = _swapped_differences(both, chain, swaps, statistic)
     observed = _swapped_differences(both, chain, np.zeros((1, c), dtype=np.int8), statistic)[0]
-    # Equal differences may differ in their last bits.
+    # Differences that are equal mathematically may differ in their last bits.
     as_great = int(np.sum(np.abs(differences) >= abs(observed) * (1.0 - 1e-9)))
     return as_great / len(swaps) if exact else (1 + as_great) / (1 + permutations)
 

@@ -23,7 +23,7 @@ COVERED_RADIUS_M: Final = 3.0
 
 
 class Coverage:
-    """Tells which places lie within ``radius_m`` of the way of any survey walk on their floor."""
+    """Finds the positions within ``radius_m`` of the path of any survey walk on their floor."""
 
     def __init__(self, polylines: Iterable[tuple[str, Floats]], radius_m: float = COVERED_RADIUS_M) -> None:
         """Index the survey walks.
@@ -83,7 +83,7 @@ class TruthSamples:
 
 
 def samples_at_waypoints(truth: Sequence[Truth]) -> TruthSamples:
-    """Return the waypoints themselves, in time order; nobody is said to travel between floors."""
+    """Return the waypoints in time order; a change of floor adds no distance travelled."""
     ordered = sorted(truth, key=lambda waypoint: waypoint.t_ns)
     xy = np.array([waypoint.xy for waypoint in ordered]).reshape(-1, 2)
     floors = tuple(waypoint.floor for waypoint in ordered)

@@ -64,7 +64,7 @@ _LINE_STYLES: Final = (
 
 
 def line_styles(count: int) -> tuple[LineStyle, ...]:
-    """Return the looks of ``count`` pipelines: solid for the last, which is usually the one that matters."""
+    """Return the styles of ``count`` pipelines; the last one is solid, since it is usually the one of interest."""
     solid = _LINE_STYLES[3]
     others = [line for line in _LINE_STYLES if line is not solid]
     return (*(others[i % len(others)] for i in range(count - 1)), solid)[:count]
@@ -103,7 +103,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 @contextmanager
 def canvas(path: Path, size_in: tuple[float, float]) -> Iterator[Figure]:
-    """Give a figure of ``size_in`` inches and write it to ``path`` in the end, as PNG or SVG by its suffix.
+    """Yield a figure of ``size_in`` inches and write it to ``path`` afterwards, as PNG or SVG by its suffix.
 
     Raises:
         ValueError: for another suffix, before anything is drawn.
@@ -120,7 +120,7 @@ def _check_suffix(path: Path) -> None:
 
 
 def legend(figure: Figure, entries: Sequence[tuple[Artist, str]], *, beside: bool) -> None:
-    """Add room for a legend beside the axes or below; any label will do, those that begin with an underscore too."""
+    """Add a legend beside the axes or below; labels may begin with an underscore."""
     handles, labels = zip(*entries, strict=True)
     columns = 1 if beside else _legend_columns(labels, figure.get_figwidth())
     if beside:

@@ -39,7 +39,7 @@ class TrackPositions:
 
 
 def track_positions(track: Track) -> TrackPositions:
-    """Return where a track was, tick by tick."""
+    """Return the positions of a track by tick."""
     kept = [e for e in track.estimates if e.belief is not None]
     beliefs = [e.belief for e in kept if e.belief is not None]
     consecutive = [
@@ -84,7 +84,7 @@ def smoothness(track: TrackPositions) -> Smoothness:
 
 
 def time_to_first_position_s(track: Track, start_ns: int) -> float | None:
-    """Return the seconds from ``start_ns`` until a position was first published, None if none ever was.
+    """Return the seconds from ``start_ns`` until a position was first published, None if there was none.
 
     Args:
         track: as published.
@@ -116,7 +116,7 @@ class WallViolations:
 
 
 class FloorGeometry:
-    """One floor's geometry, for many questions."""
+    """One floor's geometry, indexed for many queries."""
 
     def __init__(self, floor: Floor) -> None:
         """Index walls, obstacles and outline."""
@@ -131,12 +131,12 @@ class FloorGeometry:
         self._edges = shapely.STRtree(edges)
 
     def outside(self, xy: Floats) -> Bools:
-        """Tell for each place (n, 2) whether nobody can stand there: (n,) bool."""
+        """Return (n,) bool: whether a position (n, 2), metres, is off the outline or in an obstacle."""
         within = shapely.intersects_xy(self._free, xy[:, 0], xy[:, 1])
         return np.asarray(~within if self._bounded else within, dtype=np.bool_)
 
     def crosses(self, a: Floats, b: Floats) -> Bools:
-        """Tell for each move from ``a`` (n, 2) to ``b`` (n, 2) whether it meets a wall or an edge: (n,) bool."""
+        """Return (n,) bool: whether the move from ``a`` (n, 2) to ``b`` (n, 2) crosses a wall or an edge."""
         found = np.zeros(len(a), dtype=np.bool_)
         moved = np.flatnonzero(np.hypot(*(b - a).T) > _MIN_MOVE_M)
         if len(moved):
@@ -153,7 +153,7 @@ def floor_geometries(floors: Iterable[Floor]) -> Mapping[str, FloorGeometry]:
 
 
 def count_wall_violations(track: TrackPositions, geometries: Mapping[str, FloorGeometry]) -> WallViolations:
-    """Count what a track did against the plans."""
+    """Count wall crossings and positions outside, by the plans of the floors."""
     moves = crossings = positions = outside = 0
     floors = np.array(track.floors, dtype=np.str_)
     for name, geometry in geometries.items():
@@ -171,7 +171,7 @@ def _polygons(rings: Iterable[Floats]) -> list[shapely.Geometry]:
 
 
 STATIONARY_MPS2: Final = 0.5
-"""Below this deviation of the acceleration's magnitude within a second nobody took a step."""
+"""Standard deviation of the acceleration's magnitude over one second below which the person is stationary, m/s²."""
 JUMP_M: Final = 1.0
 _WINDOW_NS: Final = 1_000_000_000
 _WINDOW_TICKS: Final = _WINDOW_NS // TICK_NS
@@ -183,7 +183,7 @@ class StationaryJumps:
     """Counts that pool over walks.
 
     Attributes:
-        stationary_s: time during which a position was published and nobody had taken a step for a second.
+        stationary_s: time with a published position during which the person had been stationary for a second.
         jumps: how often the track moved more than 1 m within such a second, or changed floor.
     """
 
@@ -200,7 +200,7 @@ def acceleration_magnitudes(recording: Recording) -> tuple[Ints, Floats]:
 
 
 def is_stationary(t_ns: Ints, magnitude_mps2: Floats, at_ns: Ints) -> Bools:
-    """Tell for each instant (m,) whether nobody took a step in the second before it.
+    """Return for each instant (m,) whether the person was stationary in the second before it: (m,) bool.
 
     The detector is the moving variance of the acceleration's magnitude [skog2010], which does not depend on any
     pipeline. An instant with fewer than ten samples in its second counts as moving: nothing is known of it.
@@ -275,17 +275,17 @@ class StageCost:
 
 
 class TimedAlgorithm:
-    """An algorithm whose calls are timed; all else of it shows through."""
+    """An algorithm whose calls are timed; other attributes are those of the algorithm."""
 
     def __init__(self, algorithm: Any, clock_ns: Callable[[], int]) -> None:
-        """Begin at nothing spent."""
+        """Begin with no time spent."""
         self._algorithm = algorithm
         self._clock_ns = clock_ns
         self.spent_ns = 0
         self.steps = 0
 
     def __getattr__(self, name: str) -> Any:
-        """Return what the algorithm has."""
+        """Return the attribute of the algorithm."""
         return getattr(self._algorithm, name)
 
     def start(self, *args: Any) -> Any:
@@ -327,7 +327,7 @@ class StageTimer:
         )
 
     def cost(self, pipeline: Pipeline, ticks: int) -> StageCost:
-        """Return what ``pipeline`` has spent so far on ``ticks`` published ticks."""
+        """Return the processor time of ``pipeline`` so far, over ``ticks`` published ticks."""
         pdr, fingerprint, filter_ = (
             None if stage is None else self._timed_algorithms[stage.key]
             for stage in (pipeline.pdr, pipeline.fingerprint, pipeline.filter)

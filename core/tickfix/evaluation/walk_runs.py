@@ -33,7 +33,7 @@ DiagnosticSums: TypeAlias = Mapping[str, tuple[float, int]]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WalkResult:
-    """What is kept of a walk when its tracks are gone.
+    """The result of a walk without its tracks.
 
     Attributes:
         score: errors at the waypoints.
@@ -175,7 +175,7 @@ def _mean_diagnostics(walks: Sequence[DiagnosticSums]) -> dict[str, float]:
 
 
 def summarise(results: Sequence[WalkResult], intake: Mapping[str, int]) -> RunSummary:
-    """Bring the walks of a run together.
+    """Pool the walks of a run.
 
     Raises:
         ValueError: when walks were run with different pipelines.
@@ -240,10 +240,10 @@ class RunSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkOptions:
-    """What to do with each walk besides scoring it.
+    """Options of a run.
 
     Attributes:
-        start_known: tell the pipelines the first waypoint; they find the start themselves otherwise.
+        start_known: whether the pipelines are given the first waypoint; otherwise they find the start themselves.
         pictures: folder for a picture of each walk, which must exist.
         animated: name of a walk to animate beside its picture.
         estimates: keep the published estimates.

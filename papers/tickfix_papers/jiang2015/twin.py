@@ -42,7 +42,7 @@ _SETTING_ROWS: Final = (
     (
         "room in the floor's frame",
         "turned clockwise by 30°",
-        ("chosen: a plain angle jumps at due south, where the printed regression cannot work: no straight leg there"),
+        "chosen: a plain angle jumps at due south, where the printed regression cannot work: no leg points there",
     ),
     ("participants, walks, phones", "4 people × 5 walks, each phone once by each person", "printed, section 8.1"),
     ("sampling rate", "65 Hz", "printed, section 8.1"),

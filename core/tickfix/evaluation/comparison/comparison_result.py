@@ -37,7 +37,7 @@ _INTERPOLATED_METRICS: Final = ("mean", "rmse")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SiteResult:
-    """One ground of the comparison: differences in mean there."""
+    """The result on one site: mean errors, and their differences from the baseline."""
 
     site: str
     walks: int
@@ -59,13 +59,13 @@ class ComparisonResult:
     """A comparison.
 
     Attributes:
-        baseline, metric: what the verdicts are about.
+        baseline, metric: name of the pipeline and of the metric that the verdicts are about.
         trials: every walk with every seed.
         samples: by scope.
         summary: in the shape of ``tickfix replay``; a walk stands there once for each seed.
         metrics: by pipeline; see ``docs/metrics.md``.
         comparisons: each pipeline against the baseline in each metric and scope.
-        sites: the same in mean, ground by ground.
+        sites: mean errors and their differences by site.
         provenance: settings, versions, digests, and the command.
     """
 
@@ -123,7 +123,7 @@ class ComparisonResult:
 def compare_trials(
     trials: Sequence[Trial], *, baseline: str, metric: str = "mean", provenance: Mapping[str, Any] | None = None
 ) -> ComparisonResult:
-    """Bring the trials of a comparison together and compare.
+    """Pool the trials of a comparison and compare every pipeline with the baseline.
 
     Raises:
         ConfigError: when there are no trials, or no pipeline or metric of that name.

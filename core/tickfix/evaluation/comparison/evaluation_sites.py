@@ -49,7 +49,7 @@ class EvaluationSite:
     """A site and the walks to run on it.
 
     Attributes:
-        name: in reports, where grounds of one name are one; walks are unique within it.
+        name: in reports, which pool sites of one name; walks are unique within it.
         digest: of all that a run takes from the site.
         site: gives it; called only when a walk must be run.
         walks: in their order.
@@ -64,7 +64,7 @@ class EvaluationSite:
 
 
 def surveyed_site(site: Site, name: str, sources: Sequence[RecordingFile | LoadedRecording]) -> EvaluationSite:
-    """Return the ground of a site that is there."""
+    """Return the evaluation site of a surveyed site."""
     return EvaluationSite(
         name, site_digest(site), lambda: site, tuple(EvaluationWalk.of(source) for source in sources), site.floors
     )
@@ -100,7 +100,7 @@ def evaluation_site_names(sites: Sequence[tuple[Path, Site]]) -> list[str]:
 
 
 HOLDOUT_SHARE: Final = 0.3
-"""Share of walks that development never looks at: what ``tickfix survey --holdout 0.3`` holds out."""
+"""Share of walks that cross-validation leaves out: those that ``tickfix survey --holdout 0.3`` holds out."""
 
 
 def assign_folds(
@@ -148,7 +148,7 @@ def crossvalidation_sites(
     progress: Progress,
     warn: Callable[[str], None],
 ) -> tuple[EvaluationSite, ...]:
-    """Return a ground for each floor and fold, those of a floor with its name; sites are surveyed when asked for.
+    """Return an evaluation site for each floor and fold, named by its floor; each is surveyed when it is used.
 
     Args:
         read: all walks of a building.

@@ -28,7 +28,7 @@ from tickfix.site.waypoints import assign_chains
 
 
 class Scope(StrEnum):
-    """At which points figures are taken, see ``docs/metrics.md``."""
+    """The samples at which errors are taken, see ``docs/metrics.md``."""
 
     ALL = "all"
     COVERED = "covered"
@@ -37,7 +37,7 @@ class Scope(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class PooledSamples:
-    """The n points of a scope at which every pipeline has an estimate.
+    """The n samples of a scope at which every pipeline has an estimate.
 
     Attributes:
         trial: (n,) int64, index into the trials.
@@ -61,13 +61,13 @@ class PooledSamples:
         return len(self.trial)
 
     def paired(self, baseline: str, pipeline: str, errors: Mapping[str, Floats] | None = None) -> PairedErrors:
-        """Return the errors of two pipelines, or those of ``errors`` in their place."""
+        """Return the errors of two pipelines, taken from ``errors`` if given."""
         one, two = (self.sample_errors[n].error_m if errors is None else errors[n] for n in (baseline, pipeline))
         return PairedErrors(baseline_m=one, pipeline_m=two, walk=self.walk, chain=self.chain)
 
 
 def chain_names(trials: Sequence[Trial]) -> Mapping[tuple[str, str], str]:
-    """Return the chain of each walk with waypoints, (ground, walk) → name; see :mod:`tickfix.site.waypoints`."""
+    """Return the chain of each walk with waypoints, (site, walk) → name; see :mod:`tickfix.site.waypoints`."""
     walks = {(trial.site, trial.walk): _first_outcome(trial) for trial in trials}
     named: dict[tuple[str, str], str] = {}
     for site in dict.fromkeys(trial.site for trial in trials):
@@ -81,7 +81,7 @@ def chain_names(trials: Sequence[Trial]) -> Mapping[tuple[str, str], str]:
 
 
 def pool_samples(trials: Sequence[Trial], scope: Scope, use: Sequence[bool] | None = None) -> PooledSamples:
-    """Bring the points of a scope together.
+    """Pool the samples of a scope.
 
     Args:
         trials: all with the same pipelines.
@@ -116,7 +116,7 @@ def pool_samples(trials: Sequence[Trial], scope: Scope, use: Sequence[bool] | No
 
 
 def scored(trial: Trial, scope: Scope) -> Bools:
-    """Tell for each point of a trial whether the scope has it and every pipeline an estimate there: (m,) bool."""
+    """Return (m,) bool: the samples of a trial that are in the scope and at which every pipeline has an estimate."""
     outcome = _first_outcome(trial)
     interpolated = scope is Scope.INTERPOLATED
     flags = np.ones(len(outcome.interpolated if interpolated else outcome.samples), dtype=np.bool_)
@@ -146,7 +146,7 @@ def _concatenated(parts: Sequence[NDArray[Any]]) -> Floats:
 
 
 def scope_metrics(sample_errors: SampleErrors) -> dict[str, Any]:
-    """Return the figures of a pipeline at the points of a scope, by the names of ``docs/metrics.md``."""
+    """Return the metrics of a pipeline at the samples of a scope, by the names of ``docs/metrics.md``."""
     known = sample_errors.nees[np.isfinite(sample_errors.nees)]
     ellipse = ellipse_level(sample_errors.nees)
     regions = {}
@@ -165,7 +165,7 @@ def scope_metrics(sample_errors: SampleErrors) -> dict[str, Any]:
 
 
 def whole_track_metrics(outcomes: Sequence[TrialOutcome]) -> dict[str, Any]:
-    """Return the figures of a pipeline's whole tracks, by the names of ``docs/metrics.md``."""
+    """Return the metrics of a pipeline's whole tracks, by the names of ``docs/metrics.md``."""
     first = [o.first_position_s for o in outcomes if o.first_position_s is not None]
     minutes = sum(o.violations.moves for o in outcomes) / 300.0
     stationary = sum(o.stationary.stationary_s for o in outcomes) / 60.0
@@ -191,7 +191,7 @@ def whole_track_metrics(outcomes: Sequence[TrialOutcome]) -> dict[str, Any]:
 
 
 def cost_metrics(outcomes: Sequence[TrialOutcome]) -> dict[str, float | None]:
-    """Return what a pipeline cost, by the names of ``docs/metrics.md``."""
+    """Return the processor time of a pipeline, by the names of ``docs/metrics.md``."""
     costs = [o.cost for o in outcomes]
     spent = {name: sum(getattr(cost, name) for cost in costs) for name in ("pdr_ns", "fingerprint_ns", "filter_ns")}
     ticks, scans = sum(cost.ticks for cost in costs), sum(cost.scans for cost in costs)
@@ -211,7 +211,7 @@ def seed_deviation(samples: PooledSamples, trials: Sequence[Trial], pipeline: st
 
 
 def sum_counts(many: Iterable[LabelCounts]) -> Mapping[str, int]:
-    """Return counts added up."""
+    """Return the sum of counts, key by key."""
     total: Counter[str] = Counter()
     for counts in many:
         total.update(dict(counts))

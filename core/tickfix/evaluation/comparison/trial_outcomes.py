@@ -71,7 +71,7 @@ class Diagnosis:
     failed_by: str = ""
 
     def __str__(self) -> str:
-        """Return it in words."""
+        """Return the diagnosis as text."""
         words = [self.status or "no estimate yet"]
         if self.observation_age_s is not None:
             words.append(f"last observation used {self.observation_age_s:.1f} s ago")
@@ -82,7 +82,7 @@ class Diagnosis:
         if self.innovation_m is not None:
             words.append(f"innovation {self.innovation_m:.1f} m")
         if self.nis is not None:
-            words.append(f"gate {self.nis:.1f}")
+            words.append(f"NIS {self.nis:.1f}")
         words += [f"{reason} ({count} ×)" for reason, count in self.reasons]
         if self.failed_by:
             words.append(f"failed: {self.failed_by}")
@@ -90,7 +90,7 @@ class Diagnosis:
 
 
 def diagnose(track: Track, t_ns: Ints) -> tuple[Diagnosis, ...]:
-    """Return what was known at each of the instants (m,), which are arrival times."""
+    """Return the diagnosis of the estimate known at each of the instants (m,), arrival times in ns."""
     last = np.searchsorted(track.closed_ns, t_ns, side="right") - 1
     return tuple(_diagnosis(track, int(i)) for i in last)
 
@@ -125,7 +125,7 @@ LabelCounts = tuple[tuple[str, int], ...]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ThinnedTrack:
-    """A track thinned to a place a second, for pictures.
+    """A track thinned to one position per second, for pictures.
 
     Attributes:
         t_s: (n,) float32, seconds since the first event arrived.
@@ -196,7 +196,7 @@ def trial_outcomes(
     geometries: Mapping[str, FloorGeometry],
     levels: Mapping[str, int],
 ) -> Mapping[str, TrialOutcome]:
-    """Return what is kept of every pipeline of a replayed walk.
+    """Return the outcome of every pipeline on a replayed walk.
 
     Args:
         replayed: the walk.
@@ -272,7 +272,7 @@ def _count_labels(words: Iterable[str]) -> LabelCounts:
 
 
 OUTCOME_FORMAT: Final = 1
-"""Changes with what an outcome holds."""
+"""Version of the stored format; outcomes of another version are run again."""
 
 
 def outcome_key(parts: Mapping[str, Any]) -> str:
@@ -282,23 +282,23 @@ def outcome_key(parts: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class OutcomeStore:
-    """A folder of outcomes; several processes may use it at once."""
+    """A folder of outcomes; several processes may use it concurrently."""
 
     folder: Path
 
     def has(self, key: str) -> bool:
-        """Tell whether something is kept under ``key``."""
+        """Return whether an outcome is stored under ``key``."""
         return self._path(key).is_file()
 
     def get(self, key: str) -> TrialOutcome | None:
-        """Return the outcome kept under ``key``; None where there is none, or the file is damaged."""
+        """Return the outcome stored under ``key``; None if there is none or its file is damaged."""
         try:
             return unpack(self._path(key).read_bytes(), TrialOutcome)
         except (OSError, ValueError):
             return None
 
     def put(self, key: str, outcome: TrialOutcome) -> None:
-        """Keep an outcome, as a whole or not at all."""
+        """Store an outcome atomically."""
         path = self._path(key)
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_name(f".{path.name}.{os.getpid()}")

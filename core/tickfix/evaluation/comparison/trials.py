@@ -60,7 +60,7 @@ def versions(pipelines: Iterable[PipelineConfig]) -> Mapping[str, str]:
 
 
 def code_digest(pipeline: PipelineConfig) -> str:
-    """Return the SHA-256 of the source of tickfix and of the packages that the pipeline's algorithms live in.
+    """Return the SHA-256 of the source of tickfix and of the packages of the pipeline's algorithms.
 
     Versions of packages under work stay the same while their code does not; results must not outlive their code. Of
     tickfix only those rooms count that a walk goes through.
@@ -87,7 +87,7 @@ def _source_digest(module: str) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Trial:
-    """One walk with one seed, and what became of it.
+    """One walk with one seed, and the outcome of each pipeline.
 
     Attributes:
         site: name of the evaluation site.
@@ -108,7 +108,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SiteSetup:
-    """What all runs on a ground share."""
+    """What all runs on a site share."""
 
     setup: RunSetup
     geometries: Mapping[str, FloorGeometry]
@@ -117,7 +117,7 @@ class SiteSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialOptions:
-    """What a comparison runs, beside the grounds.
+    """The options of a comparison, apart from its sites.
 
     Attributes:
         config: the pipelines, and the kernel's settings.
@@ -132,7 +132,7 @@ class TrialOptions:
     store: OutcomeStore | None = None
 
     def key(self, evaluation_site: EvaluationSite, walk: EvaluationWalk, seed: int, pipeline: PipelineConfig) -> str:
-        """Return the key of an outcome: its name changes nothing, its algorithms, their code and parameters do."""
+        """Return the key of an outcome: it depends on algorithms, their code and parameters, not on names."""
         return outcome_key(
             {
                 "stages": [choice.key for choice in pipeline.choices],
@@ -152,7 +152,7 @@ class TrialOptions:
 def run_site(
     trial_options: TrialOptions, evaluation_site: EvaluationSite, *, processes: int | None = None
 ) -> Iterator[Trial]:
-    """Run every walk of a ground with every seed, on several processes, and give the trials in their order.
+    """Run every walk of a site with every seed in several processes; yield the trials in their order.
 
     Raises:
         TickfixError: when a walk cannot be read, an algorithm cannot be built, or, in a strict run, a stage fails.
@@ -231,5 +231,5 @@ def _replay_missing(
 
 
 def stage_choices(pipeline: PipelineConfig) -> Mapping[str, Any]:
-    """Return the choices of a pipeline by stage, all parameters spelt out, for a report."""
+    """Return the choices of a pipeline by stage, with all parameters, for a report."""
     return {choice.offer.kind: choice.key.partition(":")[2] for choice in pipeline.choices}

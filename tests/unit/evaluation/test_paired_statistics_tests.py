@@ -41,6 +41,14 @@ def test_few_chains_are_swapped_in_every_way() -> None:
     assert permutation_p_value(pair([-1.0, -2.0, -3.0, -4.0], [0, 0, 0, 0]), MEAN, rng) == 1.0
 
 
+@pytest.mark.parametrize("chains", [6, 9, 12])
+def test_few_chains_agree_with_the_exact_test_of_scipy(chains: int) -> None:
+    differences = np.random.default_rng(chains).normal(0.5, 1.0, chains)
+    ours = permutation_p_value(pair(differences.tolist()), MEAN, np.random.default_rng(0))
+    theirs = stats.permutation_test((differences,), np.mean, permutation_type="samples", n_resamples=np.inf).pvalue
+    assert ours == pytest.approx(theirs)
+
+
 def test_many_chains_agree_with_another_implementation() -> None:
     differences = np.random.default_rng(1).normal(0.3, 1.0, 40)
     ours = permutation_p_value(pair(differences.tolist()), MEAN, np.random.default_rng(2))

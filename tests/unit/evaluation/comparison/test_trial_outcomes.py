@@ -57,7 +57,7 @@ def test_a_key_changes_with_every_part_and_not_with_their_order() -> None:
     assert len({outcome_key({"a": 1}), outcome_key({"a": 2}), outcome_key({"b": 1}), outcome_key({})}) == 4
 
 
-def test_a_diagnosis_says_what_the_pipeline_said_of_itself(track_of: Any) -> None:
+def test_a_diagnosis_has_status_ages_nis_and_reasons(track_of: Any) -> None:
     track = track_of([None, (2, 4)])
     found = diagnose(track, np.array([0, TICK_NS, 2 * TICK_NS]))
     assert [one.status for one in found] == ["", "initialising", "tracking"]
@@ -71,7 +71,7 @@ def test_a_diagnosis_says_what_the_pipeline_said_of_itself(track_of: Any) -> Non
         failed_by="x",
     )
     assert str(told) == (
-        "coasting, last observation used 14.2 s ago, no motion for 3.0 s, gate 9.2, recovered (2 ×), failed: x"
+        "coasting, last observation used 14.2 s ago, no motion for 3.0 s, NIS 9.2, recovered (2 ×), failed: x"
     )
 
 
