@@ -34,7 +34,7 @@ class Offer:
     """A class that a plugin offers, checked.
 
     Attributes:
-        cls: the class; built as its kind says.
+        cls: the class; built as its kind requires.
         plugin: name of the entry point that brought it.
         distribution, version: of the installed package it came from.
         value: of the entry point: the module.

@@ -62,7 +62,7 @@ def tickfix_sources() -> Sequence[Source]:  # type: ignore[empty-body]
     """Declare kinds of measurements: further sensors, and scans with columns of their own.
 
     Called once, when tickfix starts. ``tickfix plugins`` lists them, and events of a declared name are checked where
-    they come in: samples must have as many columns, scans the same columns. Kinds that nobody declares are carried
+    they come in: samples must have as many columns, scans the same columns. Undeclared kinds are carried
     unchecked. A name that another plugin declares already is reported, and that declaration left out.
 
     Since API version 1.

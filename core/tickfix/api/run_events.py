@@ -13,7 +13,7 @@ class Run:
     Attributes:
         id: of the run; a recording's name in a replay, the engine's run id live.
         mode: ``"replay"`` of a recording, a ``"live"`` engine, or one that follows another (``"follow"``).
-        site: name of the site, empty where a replay was not told one.
+        site: name of the site, empty if a replay has none.
         pipelines: names, in the order of their estimates within a tick.
     """
 

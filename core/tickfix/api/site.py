@@ -164,7 +164,7 @@ class RadioMap:
         return len(self.point_xy)
 
     def of_sources(self, sources: Collection[str]) -> Bools:
-        """Tell for each transmitter whether it is of one of ``sources``: (T,) bool."""
+        """Return for each transmitter whether it is of one of ``sources``: (T,) bool."""
         return np.array([source in sources for source in self.transmitter_source], np.bool_)
 
     def transmitter_numbers(self, source: str) -> dict[str, int]:

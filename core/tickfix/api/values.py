@@ -228,7 +228,7 @@ class Report:
         nis: its normalised squared innovation, None where the filter computes none.
         lost: the filter does not know where it is.
         reasons: short words for what happened, such as ``"recovered"`` or ``"all particles crossed walls"``.
-        diagnostics: numbers by name that tell how the filter is doing, such as ``ess`` (effective sample size) or
+        diagnostics: numbers by name that describe the health of the filter, such as ``ess`` (effective sample size) or
             ``log_likelihood``; names in snake_case, at most 64, values that are not finite are dropped. They are
             carried to the estimate, the wire, the journal and the sinks, and are no part of a track's digest.
     """

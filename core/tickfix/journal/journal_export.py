@@ -26,7 +26,7 @@ _PAYLOAD_DECODERS: Final = {
 
 
 def record_to_json_line(record: JournalRecord) -> bytes | None:
-    """Return a record as a line of JSON; None for a snapshot, which says nothing that the others do not.
+    """Return a record as a line of JSON; None for a snapshot, which holds no information beyond the other records.
 
     Beside ``number``, ``kind`` and ``wall_ns`` stand ``type`` (the class, such as ``ScanMessage`` or ``RunDevice``)
     and its fields
@@ -50,7 +50,7 @@ def _to_builtin(value: Any) -> Any:
         return value.tolist()
     if isinstance(value, Mapping):
         return dict(value)
-    raise TickfixError(f"a record's field holds {type(value).__name__}, which JSON cannot say")
+    raise TickfixError(f"a record's field holds {type(value).__name__}, which JSON cannot represent")
 
 
 _encode_json: Final = msgspec.json.Encoder().encode
@@ -105,7 +105,7 @@ class FoxglovePoseFile:
         self._channels: dict[str, int] = {}
 
     def write(self, record: JournalRecord) -> bool:
-        """Write what has a place, and tell whether the record had one.
+        """Write a record that has a position; return whether it had one.
 
         Raises:
             TickfixError: when the payload is none of its kind.

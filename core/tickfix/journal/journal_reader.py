@@ -29,7 +29,7 @@ class SegmentInfo:
         path, size: of the file, in bytes.
         manifest: None where it is damaged.
         first_number, last_number: of its intact records; the last is one less than the first where it has none.
-        count: how many intact records; fewer than the numbers say where chunks between them are damaged.
+        count: how many intact records; fewer than the numbers imply if chunks between them are damaged.
         complete: it is closed; one whose writer died is not, and can be read all the same.
         damage: what is not as it was written; of a complete one only known where it was read through.
         replayable: the run can be repeated from here.
@@ -88,8 +88,8 @@ class JournalReader:
 
         Args:
             since: where to begin; a number begins with that record.
-            on_damage: told of all damage in the segments read, when it is come across, and of records that are missing
-                in the middle; then reading goes on behind them.
+            on_damage: called with all damage in the segments read, when it is come across, and of records that are
+                missing in the middle; then reading goes on behind them.
 
         Raises:
             JournalDamaged: where records are missing and there is no ``on_damage``; all before them were yielded.

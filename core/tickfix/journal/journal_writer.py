@@ -174,10 +174,10 @@ class JournalWriter:
         return count
 
     def should_roll_segment(self) -> bool:
-        """Tell whether the segment is as large or as old as the settings allow.
+        """Return whether the segment is as large or as old as the settings allow.
 
         The snapshot that it begins with does not count, and four times as much must follow it: of many devices it is
-        large, the loop waits while it is made, and a journal of snapshots would serve nobody.
+        large, the loop waits while it is made, and a journal of snapshots would be useless.
         """
         age_s = (self._wall_ns() - self._segment_started_ns) * 1e-9
         grown = self._file.layout.offset + self._batch.size - self._snapshot_size

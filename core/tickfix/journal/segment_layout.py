@@ -83,7 +83,7 @@ class JournalRecord:
         device: whom it is about; empty where it is about none.
         t_ns: on the device's clock.
         wall_ns: when it was appended, nanoseconds since 1970 on the wall clock.
-        payload: what the kind says; opaque here.
+        payload: encoded as its kind requires; opaque here.
     """
 
     kind: RecordKind
@@ -213,10 +213,10 @@ class RunManifest:
         tickfix_version: of the package.
         config: the configuration file's text.
         seed: of all random streams.
-        probe: what :func:`tickfix.kernel.determinism.numeric_probe` said.
+        probe: the result of :func:`tickfix.kernel.determinism.numeric_probe`.
         wall_start_ns: when the run began, nanoseconds since 1970.
         plugins: versions by distribution.
-        notes: what else the run wants remembered (the site, say).
+        notes: what else the run records, such as the site.
         first_number: number of the segment's first record; the writer fills it in.
     """
 

@@ -46,7 +46,7 @@ _FOOTER_STRUCT: Final = struct.Struct("<BQQQI")
 
 @dataclass(frozen=True, slots=True)
 class SegmentSummary:
-    """What an intact summary says.
+    """The contents of an intact summary.
 
     Attributes:
         count: number of records.
@@ -145,7 +145,7 @@ class SegmentReader:
             self._read_preamble(file)
 
     def summary(self) -> SegmentSummary | None:
-        """Return what the end of the file says, or None where it is missing or damaged; it may flatter the rest."""
+        """Return the summary at the end of the file, None if missing or damaged; the rest may still be damaged."""
         with self._open() as file:
             return read_segment_summary(file, self.size)
 
@@ -313,7 +313,7 @@ def _is_data_end(head: bytes) -> bool:
 
 
 def _chunk_data_length(head: bytes) -> int | None:
-    """Return how long a chunk's data is: what two of the three lengths in its head say."""
+    """Return how long a chunk's data is: the value that two of the three lengths in its head agree on."""
     if len(head) < CHUNK_HEADER.size:
         return None
     _, length, _, _, size, _, _, data = CHUNK_HEADER.unpack(head)

@@ -22,7 +22,7 @@ class SegmentFile:
 
     Attributes:
         path: of the file.
-        handle: its descriptor; whoever retires the segment closes it.
+        handle: its descriptor; closed when the segment is retired.
         layout: what is in it so far.
     """
 
@@ -67,7 +67,7 @@ class SegmentFile:
         return framed
 
     def write_closing_section(self) -> None:
-        """Close the segment's contents; the file stays open, for whoever waits for the disk.
+        """Close the segment's contents; the file stays open until it is synced.
 
         Raises:
             JournalFull, JournalError: as :meth:`write`; a segment without its ending can be read all the same.
@@ -97,7 +97,7 @@ def _write_at(handle: int, data: bytes, offset: int) -> None:
 
 
 class FsyncThread:
-    """Brings what was written to the disk at most every ``interval_s``, in its order, and says so.
+    """Syncs what was written to disk at most every ``interval_s``, in its order, and reports it.
 
     Args:
         folder: whose names are brought to the disk when a segment is new.
@@ -124,7 +124,7 @@ class FsyncThread:
         self._thread.start()
 
     def notify_written(self, file: SegmentFile, number: int) -> None:
-        """Tell that all records up to ``number`` are written, the newest to ``file``; another file is retired."""
+        """Record that all records up to ``number`` are written, the newest to ``file``; another file is retired."""
         with self._changed:
             if file is not self._file:
                 if self._file is not None:

@@ -62,7 +62,7 @@ class KeyGrant(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return any(fnmatchcase(device, glob) for glob in self.devices)
 
     def limits(self, defaults: PeerLimits) -> PeerLimits:
-        """Return the limits for this key: the usual ones but for what its entry says."""
+        """Return the limits for this key: the defaults, overridden by its entry."""
         messages_per_s = self.messages_per_s or defaults.messages_per_s
         bytes_per_s = self.bytes_per_s or defaults.bytes_per_s
         return replace(
@@ -150,7 +150,7 @@ def is_z85_key(text: object) -> bool:
 
 
 def read_grants(file: Path) -> tuple[KeyGrant, ...]:
-    """Read an allow-list; where there is no such file nobody is allowed.
+    """Read an allow-list; without such a file no peer is allowed.
 
     Raises:
         PortError: naming file, entry, value found and what is expected.
@@ -237,7 +237,7 @@ def _grant_fields(grant: KeyGrant) -> dict[str, Any]:
 
 
 def _replace_allow_list(file: Path, text: str) -> None:
-    """Put ``text`` in the place of the file, at once and only if it is a good list."""
+    """Replace the file by ``text`` atomically, and only if it is a valid list."""
     new = file.with_suffix(".new")
     new.write_text(text, "utf-8")
     try:
@@ -252,7 +252,7 @@ ZAP_ENDPOINT: Final = "inproc://zeromq.zap.01"
 
 
 class AllowList:
-    """The allow-list as its file says now.
+    """The allow-list as its file is now.
 
     Attributes:
         error: why the file as it is now cannot be used; while there is one, the last good list counts.
@@ -317,7 +317,7 @@ class ZapAuthenticator:
     """Answers libzmq's questions about who may connect to which port.
 
     Attributes:
-        refused: handshakes refused, by port; whoever is refused never gets to send a message.
+        refused: handshakes refused, by port; a refused peer cannot send any message.
         admitted: handshakes admitted, by port.
     """
 

@@ -77,7 +77,7 @@ class InboundMessage:
     """A message that was let in; the loop owes :meth:`Hub.answer <tickfix.ports.hub.Hub.answer>` exactly once.
 
     Attributes:
-        event: what it tells; an event's ``arrival_ns`` is the wall clock at receipt, ns since 1970.
+        event: its content; an event's ``arrival_ns`` is the wall clock at receipt, ns since 1970.
         peer: who sent it.
         wants_ack: the sender asked for an acknowledgement.
         received_ns: monotonic clock at receipt.
@@ -94,7 +94,7 @@ class InboundMessage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlCommand:
-    """Something that the control port was told to do.
+    """A command received on the control port.
 
     Attributes:
         what: ``drain``, ``stop`` or ``primary``.
@@ -189,7 +189,7 @@ class InboundQueue:
         self._woken = False
 
     def try_put(self, incoming: InboundMessage) -> bool:
-        """Put a message in, or say that there is no room for this peer.
+        """Put a message in, or return False if there is no room for this peer.
 
         While less than half is taken there is room for everyone. Beyond that a peer may hold no more than its part of
         the whole, one part for each peer that waits and one to spare, so that no one fills the queue alone.
@@ -239,13 +239,13 @@ class InboundQueue:
             return taken
 
     def wake(self) -> None:
-        """Let whoever waits, or waits next, return at once."""
+        """Let the present or the next waiter return immediately."""
         with self._ready:
             self._woken = True
             self._ready.notify_all()
 
     def close(self) -> None:
-        """Wake whoever waits; nothing will come any more."""
+        """Wake all waiters; the queue is closed."""
         with self._ready:
             self._closed = True
             self._ready.notify_all()

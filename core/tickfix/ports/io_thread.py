@@ -46,13 +46,13 @@ class CallQueue:
         self._calls.append(call)
         if not self._signalled:
             self._signalled = True
-            # A full buffer is a bell that rings already; a closed one has nobody left to wake.
+            # A full buffer already wakes the reader; a closed one has no reader left.
             with suppress(OSError):
                 self._wake_writer.send(b"\0")
 
     def run(self, max_items: int) -> None:
         """Run at most ``max_items`` queued calls, in the order in which they were added."""
-        # The flag goes down first: whoever adds from here on rings again.
+        # Clear the flag first: an item added from here on sets it again.
         self._signalled = False
         with suppress(BlockingIOError):
             self.wake.recv(_WAKE_READ_BYTES)
@@ -143,7 +143,7 @@ class IoLoop:
         while not ended():
             ready = dict(self._poller.poll(self._wait_ms()))
             started_ns = self._clock.monotonic_ns()
-            # First what the loop said, so that it counts for what comes in now.
+            # First the calls of the loop, so that they apply to messages that come in now.
             self._run_guarded(self._run_calls)
             more = False
             for socket, serve in self._services.items():

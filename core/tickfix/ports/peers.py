@@ -19,7 +19,7 @@ from tickfix.wire import ReplyOutcome
 class TokenBucket:
     """What a peer may still send now: a bucket of messages and one of bytes, both full at the beginning.
 
-    A message that is refused costs nothing, so that whoever slows down is heard again at once.
+    A message that is refused costs nothing, so that a peer that slows down is accepted again without delay.
     """
 
     __slots__ = ("_at_ns", "_bytes", "_messages", "limits")
@@ -32,7 +32,7 @@ class TokenBucket:
         self._bytes = float(limits.byte_burst)
 
     def try_consume(self, n_bytes: int, now_ns: int) -> bool:
-        """Take a message of ``n_bytes`` out of the buckets, or say that they do not hold it."""
+        """Take a message of ``n_bytes`` out of the buckets, or return False if they do not hold enough."""
         limits = self.limits
         elapsed_s = (now_ns - self._at_ns) / 1e9
         if elapsed_s > 0.0:
@@ -62,7 +62,7 @@ class PeerState:
         received, received_bytes: messages that came in.
         outcomes: what became of them.
         waiting, waiting_bytes: how much of it is in the queue to the loop.
-        throttle_notice_ns: when it was last told that it is throttled.
+        throttle_notice_ns: when the last notice of throttling was sent to it.
     """
 
     __slots__ = (
@@ -122,7 +122,7 @@ class PeerRegistry:
     """The accounts of those heard most recently."""
 
     def __init__(self, defaults: PeerLimits, allowed: AllowList | None) -> None:
-        """Give accounts ``defaults`` limits where the allow-list does not say otherwise."""
+        """Give accounts ``defaults`` limits unless the allow-list has others."""
         self._defaults = defaults
         self._allowed = allowed
         self._salt = secrets.token_bytes(16)
@@ -190,7 +190,7 @@ class _DeviceSession:
 
 @dataclass(frozen=True, slots=True)
 class AdmissionRefusal:
-    """Why a message is not let in: its outcome, and what its error says."""
+    """Why a message is refused: its outcome, and the text of its error."""
 
     outcome: ReplyOutcome
     field: str
@@ -201,8 +201,8 @@ class AdmissionRefusal:
 class DeviceSessions:
     """Remembers which peer speaks for which device.
 
-    Whoever says ``hello`` speaks for the device from then on: the last one wins, because a phone that comes back over
-    a new connection cannot be told from a stranger, and locking the phone out would be worse. Without ``hello``,
+    The peer that sends ``hello`` owns the device from then on: the last one wins, because a phone that reconnects
+    cannot be told from a stranger, and locking the phone out would be worse. Without ``hello``,
     another peer takes over when it continues the session (its name is known to the two ends only), or when the device
     was silent for a while. Positions computed elsewhere and truth may come from anyone who may speak for the device at
     all: they are no voice of the device.
@@ -232,7 +232,7 @@ class DeviceSessions:
     def admit(
         self, device: str, session: str, peer: str, *, limit: int, now_ns: int, hello: bool = False, sensor: bool = True
     ) -> AdmissionRefusal | None:
-        """Let ``peer`` speak for ``device``, or say why not.
+        """Let ``peer`` send for ``device``, or return why not.
 
         Args:
             device: whose message it is.

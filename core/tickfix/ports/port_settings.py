@@ -49,10 +49,10 @@ class PortSettings:
 
     Attributes:
         sensors, positions, control, follow: addresses to bind, ``tcp://HOST:PORT`` or ``ipc://PATH``; the port ``*``
-            takes a free one. ``follow`` may be empty: then nobody can follow.
+            takes a free one. ``follow`` may be empty: then no engine can follow.
         keys: folder made by ``tickfix keys``; with it every port speaks CURVE and nothing else.
         message: what one message may hold.
-        peer: how much one peer may send; an entry of the allow-list may say otherwise.
+        peer: how much one peer may send; an entry of the allow-list overrides it.
         devices: how many devices there may be in all.
         queue_messages, queue_bytes: how much may wait for the loop; what is beyond is answered ``busy``.
         takeover_s: how long a device must be silent before another peer may speak for it without a ``hello``.

@@ -128,7 +128,7 @@ class FollowPort:
             self.publisher.send((kind, encode_engine_message(envelope), body))
 
     def serve(self) -> None:
-        """Drop what subscribers say: there are no last values here."""
+        """Discard subscription messages: this port has no last values."""
         self.publisher.poll_subscriptions()
 
 
@@ -140,11 +140,11 @@ _MAX_PENDING_PREFIXES: Final = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Publication:
-    """What a pipeline says of a device: the body goes out as it is, the very bytes in the journal.
+    """An encoded estimate: the body is sent as it is, with the same bytes as in the journal.
 
     Attributes:
         family: ``estimate``, or ``revision`` for a tick that was published before.
-        floor: the floor it says; None while there is no position.
+        floor: the estimated floor; None while there is no position.
     """
 
     family: TopicFamily
@@ -167,7 +167,7 @@ class PositionsPort:
 
     A new subscriber gets the last estimate of every stream that its prefix matches, under its own number: to others
     that listen there it is a repetition, which they know by that number. Revisions are news about the past and are not
-    repeated. Repeating is held to a tenth of the port's time, however many subscribe at once.
+    repeated. Repeating is held to a tenth of the port's time, however many subscribe together.
 
     Attributes:
         publisher: what all goes through.
@@ -193,7 +193,7 @@ class PositionsPort:
         self.last_values_sent = 0
 
     def publish(self, publications: Sequence[Publication]) -> None:
-        """Send what is said, in this order."""
+        """Send the estimates, in this order."""
         self.serve()
         for one in publications:
             stream = (one.family, one.device, one.pipeline)
@@ -240,7 +240,7 @@ class PositionsPort:
 
     @property
     def last_values_due_ns(self) -> int | None:
-        """When :meth:`send_last_values` has something to do; None while nobody waits for last values."""
+        """When :meth:`send_last_values` has something to do; None while no listener waits for last values."""
         return self._next_last_values_ns if self._new_prefixes or self._pending_streams else None
 
     def send_heartbeat(self, devices: int) -> int:

@@ -34,12 +34,12 @@ _DROPS_BEFORE_PAUSE: Final = 32
 _PAUSE_NS: Final = 2_000_000
 _THROTTLE_NOTICE_INTERVAL_NS: Final = 1_000_000_000
 _ACK_OUTCOMES: Final = frozenset({ReplyOutcome.ACCEPTED, ReplyOutcome.LATE, ReplyOutcome.STALE, ReplyOutcome.DUPLICATE})
-"""Outcomes that an ``ack`` carries, where one was asked for; the others are told by an ``error``, asked for or not."""
+"""Outcomes that an ``ack`` carries, if one was requested; the others are always reported by an ``error``."""
 
 
 @dataclass(slots=True)
 class AdmissionPolicy:
-    """What the loop says about new work: None lets it in, a reason answers it with ``busy``."""
+    """Whether the loop accepts new work: None accepts it, a reason answers it with ``busy``."""
 
     new_devices: str | None = None
     all_messages: str | None = None
@@ -48,9 +48,9 @@ class AdmissionPolicy:
 class SensorsPort:
     """Reads the socket a few messages at a time, fairly between connections (libzmq takes them in turn).
 
-    Whoever is over its limits is dropped before decoding. Drops also slow the reading down, a little for each, so that
-    a flood backs up in its sender's own connection rather than eat the processor; the other connections' turns come
-    all the same.
+    Messages of a peer over its limits are dropped before decoding. Drops also slow the reading down, a little for each,
+    so that a flood backs up in its sender's own connection rather than eat the processor; the other connections' turns
+    come all the same.
 
     Attributes:
         replies_lost: answers that could not be delivered, because the peer left or does not read.
@@ -169,7 +169,7 @@ class SensorsPort:
         return error.outcome
 
     def _admit_message(self, peer: Peer, received: RouterMessage, now_ns: int) -> ErrorReply | None:
-        """Hand the message to the loop, or return the error that says why not."""
+        """Hand the message to the loop, or return the error that explains why not."""
         if not peer.allowed:
             found = f"the key of {peer.name!r}, withdrawn"
             return _undecoded_error(ReplyOutcome.UNAUTHORISED, "key", found, "a key on the allow-list")
@@ -201,7 +201,7 @@ class SensorsPort:
         return error_reply(WireError(refusal.field, refusal.found, refusal.expected, refusal.outcome), body)
 
     def _check_permission(self, peer: Peer, message: DeviceMessage) -> AdmissionRefusal | None:
-        """Say why this message may not be looked at, however good it is."""
+        """Return why this message is rejected whatever it contains."""
         grant = peer.state.grant
         if grant is not None and not grant.allows_device(message.device):
             expected = f"one of {', '.join(grant.devices) or 'none'}, bound to the key of {grant.name!r}"
@@ -230,7 +230,7 @@ class SensorsPort:
             self._intake.count_unknown("fields", len(unknown))
 
     def _throttle_notice_due(self, peer: Peer, now_ns: int) -> bool:
-        """Whether the peer was not told for a second that it is throttled."""
+        """Whether the last notice of throttling to the peer is over a second old."""
         due = now_ns - peer.state.throttle_notice_ns >= _THROTTLE_NOTICE_INTERVAL_NS
         if due:
             peer.state.throttle_notice_ns = now_ns

@@ -33,7 +33,7 @@ class PortAddress:
 
     Attributes:
         endpoint: as libzmq takes it.
-        local: nobody on another machine can reach it.
+        local: it cannot be reached from another machine.
         ipv6: the host is an IPv6 address.
         path: file of an ``ipc`` address; None otherwise, and in Linux's abstract namespace.
         port: TCP port, 0 for any free one and for ``ipc``.
@@ -130,7 +130,7 @@ def find_listening_process(port: int) -> str:
             if any(fd.readlink().name in inodes for fd in (folder / "fd").iterdir()):
                 command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()
                 return f"process {folder.name} ({command:.120}) holds it"
-    return f"another process holds it, perhaps another tickfix serve; `ss -ltnp sport = :{port}` tells which"
+    return f"another process holds it, perhaps another tickfix serve; `ss -ltnp sport = :{port}` shows which"
 
 
 def _listening_inodes(port: int) -> set[str]:
@@ -166,7 +166,7 @@ def check_libzmq(version: tuple[int, ...], *, curve: bool = True) -> None:
 
 
 def raise_file_limit() -> None:
-    """Let this process have as many file descriptors as it may: whoever connects takes one, before any handshake."""
+    """Let this process have as many file descriptors as it may: every connection takes one, before any handshake."""
     with suppress(ImportError, ValueError, OSError):
         import resource  # noqa: PLC0415 - not there on all systems
 
@@ -186,7 +186,7 @@ def open_port_socket(
         high_water_mark: how many messages wait at most, for each peer and direction; what is beyond is dropped when it
             goes
             out, and held back by TCP when it comes in.
-        frame_bytes: libzmq cuts off whoever sends a longer frame.
+        frame_bytes: libzmq disconnects a peer that sends a longer frame.
     """
     socket: zmq.Socket[bytes] = context.socket(kind)
     options: Mapping[int, int] = {
@@ -209,7 +209,7 @@ def open_port_socket(
 
 
 def open_router_socket(context: zmq.Context[Any], *, high_water_mark: int, frame_bytes: int) -> zmq.Socket[bytes]:
-    """Make a ROUTER that says when an answer cannot be delivered, and lets a peer come back under its own name.
+    """Make a ROUTER that raises when an answer cannot be delivered, and lets a peer come back under its own name.
 
     MANDATORY: an answer to a peer that left, or does not read, is an error that can be counted, not a silent loss.
     HANDOVER: a phone that chose its routing id and changed its network would otherwise be ignored for as long as its
@@ -228,7 +228,7 @@ def randomise_routing_ids() -> None:
 
     libzmq 4.3.5 takes the first from ``rand`` of the C library, which it never seeds, and counts up. It also believes
     any id that a peer claims: one that claims the id given out next aborts the whole process at the next connection
-    (``Assertion failed: ok (src/socket_base.cpp)``). So nobody may be able to tell which is next.
+    (``Assertion failed: ok (src/socket_base.cpp)``). So the next one must not be predictable.
     """
     with suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).srand(secrets.randbits(32))
@@ -380,7 +380,7 @@ class PortSockets:
 
     def _create_socket(self, context: zmq.Context[Any], name: str) -> zmq.Socket[bytes]:
         """Return the socket of a port, not yet bound."""
-        # One frame may be twice as long as a message may be, so that the sender of the first too long one is told.
+        # One frame may be twice as long as a message may be, so that the first one that is too long gets an error.
         frame_bytes = {"sensors": 2 * self._settings.message.message_bytes, "control": _MAX_REQUEST_BYTES}
         if name in frame_bytes:
             socket = open_router_socket(context, high_water_mark=HIGH_WATER_MARKS[name], frame_bytes=frame_bytes[name])

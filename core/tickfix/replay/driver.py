@@ -26,8 +26,8 @@ class ReplayResult:
 
     Attributes:
         recording: the walk.
-        published: by pipeline, the estimates as they were said, with the arrival time of the event that closed their
-            tick.
+        published: by pipeline, the estimates as they were published, with the arrival time of the event that closed
+            their tick.
         settled: by pipeline, the last revision of every tick.
         fixes: by fingerprint stage, the fixes it found.
         intake: messages by outcome.
@@ -53,7 +53,7 @@ def replay_recording(
     observers: Observers | None = None,
     site: str = "",
 ) -> ReplayResult:
-    """Feed a recording to the kernel and collect what it says.
+    """Feed a recording to the kernel and collect its output.
 
     Truth is left out: no tracker ever sees it. What the reader could not use counts as ``malformed``.
 

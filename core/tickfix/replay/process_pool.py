@@ -29,7 +29,7 @@ _MAX_PROCESSES = 16
 
 
 def available_cores() -> int:
-    """Return how many processes can work at once; 1 within a worker."""
+    """Return how many processes can run in parallel; 1 within a worker."""
     if _inherited:
         return 1
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
@@ -49,7 +49,7 @@ def parallel_map(
     Args:
         function: any callable; it must not depend on what ran before.
         items: what to work on.
-        processes: how many work at once; by default as many as there are cores, 1 stays in this process.
+        processes: how many run in parallel; by default as many as there are cores, 1 stays in this process.
 
     Raises:
         TickfixError: the first that ``function`` raised, or when a process died.

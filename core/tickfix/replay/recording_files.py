@@ -13,13 +13,13 @@ from tickfix.registry import Offer, Registry
 from tickfix.replay.process_pool import parallel_map
 
 Progress: TypeAlias = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and how much there is to do."""
+"""Called with the name of the task, how much of it is done, and the total."""
 
 _TICKFIX = "tickfix"
 
 
 def no_progress(what: str, done: int, total: int) -> None:
-    """Tell nobody."""
+    """Report nothing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,7 +46,7 @@ def survey_files(
     seed: int,
     progress: Progress = no_progress,
 ) -> TrainedSite:
-    """Read recordings and survey them; one that cannot be read is left out and said so.
+    """Read recordings and survey them; one that cannot be read is left out and reported.
 
     Raises:
         TickfixError: when no walk is left to survey.
@@ -73,7 +73,7 @@ class WalksWithFloors:
 
 
 def read_walks(sources: Sequence[RecordingFile], progress: Progress = no_progress) -> WalksWithFloors:
-    """Read recordings and the plans of their floors; what cannot be read is left out and said so."""
+    """Read recordings and the plans of their floors; what cannot be read is left out and reported."""
     problems: list[str] = []
     walks: list[tuple[RecordingFile, Recording]] = []
     by_reader: defaultdict[str, list[Recording]] = defaultdict(list)

@@ -117,7 +117,7 @@ def empty_radio_map(floors: Sequence[str]) -> RadioMap:
 def unique_readings(scans: Sequence[Scan]) -> WalkReadings:
     """Return the readings of a walk sorted by (time heard, transmitter, source), the first delivered of each.
 
-    Readings without a signal strength are left out: a radio map has nothing to say about them.
+    Readings without a signal strength are left out: a radio map cannot use them.
     """
     first: dict[tuple[int, str, str], float] = {}
     for scan in scans:

@@ -18,7 +18,7 @@ from tickfix.api import TICK_NS, Belief, Fix, Floats, Motion, PredictUpdateFilte
 class AlphaBetaParams:
     """Parameters of ``alpha-beta``."""
 
-    alpha: Annotated[float, parameter("share of a fix's surprise that moves the position", gt=0, lt=1)] = 0.5
+    alpha: Annotated[float, parameter("share of the innovation that moves the position", gt=0, lt=1)] = 0.5
     drift_m: Annotated[float, parameter("by which the position strays per second", unit="m", gt=0)] = 1.0
 
 
@@ -51,7 +51,7 @@ class AlphaBeta(PredictUpdateFilter[AlphaBetaParams, Moving]):
         return replace(state, x=state.x + state.v * dt, variance=state.variance + self.params.drift_m**2 * dt)
 
     def update(self, state: Moving, fix: Fix, rng: Rng) -> tuple[Moving, Report]:
-        """Correct by the surprise r: x ← x + α·r, v ← v + β·r/T with β = α²/(2 − α)."""
+        """Correct by the innovation r: x ← x + α·r, v ← v + β·r/T with β = α²/(2 − α)."""
         if fix.floor != state.floor:
             return self.begin(fix, rng), Report(used=1, reasons=("changed floor",))
         alpha = self.params.alpha
