@@ -88,6 +88,8 @@ class DeviceClock:
         """The newest time that follows without being confirmed, None before the first."""
         if self.latest_ns is None:
             return None
+        # While motion sensors run, samples come many times a second, so that a leap of seconds is suspicious. A phone
+        # that only scans is silent for up to a minute, and a scan after such a pause must not be held.
         since_ns = self.latest_ns - EPOCH_JUMP_NS
         steady = any(self.last_ns.get(stream, since_ns - 1) >= since_ns for stream in self._steady)
         return self.latest_ns + (self.jump_ns if steady else EPOCH_JUMP_NS)
@@ -101,6 +103,9 @@ class DeviceClock:
             return TimestampVerdict.HOLD_AHEAD
         if limit_ns is None or t_ns >= limit_ns:
             return TimestampVerdict.FOLLOW
+        # Behind the horizon there are two explanations. Its own stream has not come much further: it merely lags. Its
+        # stream has run ahead of it by more than the horizon (or is new): then either this sample is wrong, or the
+        # clock restarted, which the next samples decide. Other streams do not tell: their delays differ.
         last_ns = self.last_ns.get(stream)
         return (
             TimestampVerdict.HOLD_BEHIND
@@ -118,9 +123,13 @@ class DeviceClock:
         if not self._ahead and not self._behind:
             return 0
         if advances:
+            # The present clock is alive. So what waits behind it is no new epoch, nor is what waits over a minute
+            # ahead. What waits less far ahead may still be reached (a gap), so it stays, but must be confirmed again by
+            # samples that come from now on: those held so far have lost their vote.
             self._voting.clear()
             contradicted = self._behind + self._ahead[bisect_left(self._ahead, (t_ns + EPOCH_JUMP_NS + 1,)) :]
         else:
+            # A sample that follows without advancing shows only that its own stream still uses the present clock.
             contradicted = list(self._behind_of.get(stream, ()))
         if contradicted:
             self._drop(contradicted)
@@ -131,7 +140,7 @@ class DeviceClock:
         self._store(held, votes=True)
         if self._room >= 0:
             return 0
-        # The older half at once, so that a sample costs the same however many are held.
+        # The older half together, so that a sample costs the same however many are held.
         oldest = sorted(self._ahead + self._behind, key=itemgetter(1))
         dropped = oldest[: max(1, len(oldest) // 2)]
         self._drop(dropped)
@@ -147,6 +156,9 @@ class DeviceClock:
     def release_confirmed(self, newest: HeldMeasurement) -> tuple[list[HeldMeasurement], bool]:
         """Return the held samples that ``newest`` confirms, and whether they begin a new epoch; often none."""
         assert self.latest_ns is not None  # noqa: S101 - nothing is held before something was followed
+        # Votes are the held samples within a minute of the newest one, on the same side of the present clock and, ahead
+        # of it, on the same side of the minute that separates a gap from a new epoch: a gap must not be confirmed by
+        # samples of a new epoch, nor the other way round.
         votes, far_ns = self._voting if newest.ahead else self._behind, self.latest_ns + EPOCH_JUMP_NS
         since_ns, until_ns = newest.t_ns - EPOCH_JUMP_NS, newest.t_ns + EPOCH_JUMP_NS
         gap = newest.ahead and newest.t_ns <= far_ns
@@ -157,6 +169,9 @@ class DeviceClock:
         begin, end = bisect_left(votes, (since_ns,)), bisect_left(votes, (until_ns + 1,))
         if end - begin < _MIN_CONFIRMING:
             return [], False
+        # Three votes are not enough by themselves: a batch with one wrong time repeats it for all its samples. So they
+        # must span half a second (two for a new epoch, which costs a track its past), and one must lie strictly between
+        # the oldest and the newest, so that two groups of equal times do not count as three samples that agree.
         oldest_ns, newest_ns = votes[begin][0], votes[end - 1][0]
         between = bisect_left(votes, (newest_ns,)) - bisect_left(votes, (oldest_ns + 1,))
         if between < 1 or newest_ns - oldest_ns < (_GAP_SPAN_NS if gap else _EPOCH_SPAN_NS):
