@@ -14,8 +14,10 @@ from stored_floor import Command
 
 from tickfix.api import Context, Event, Floor, Scan, Truth
 from tickfix.config import build_pipelines, parse_config
-from tickfix.journal import JournalReader, JournalWriter, RecordKind, RunManifest
+from tickfix.journal import JournalReader, JournalRecord, JournalWriter, RecordKind, RunManifest
+from tickfix.journal.journal_export import record_to_json_line
 from tickfix.kernel import Kernel, KernelSettings, KernelSnapshot, Pipeline
+from tickfix.readers.event_file import EventFileReader, write_events
 from tickfix.registry import Registry, discover
 from tickfix.replay.recording_files import find_recordings
 from tickfix.wire import (
@@ -138,6 +140,18 @@ def test_ranges_go_from_a_file_over_wire_and_journal_to_a_position(
     best = grid[seen.log_likelihood("F1", grid).argmax()]
     assert np.hypot(*(best - truth[seen.t_ns])) < 0.5
     assert np.isneginf(seen.log_likelihood("F2", grid)).all()
+
+
+def test_event_files_and_exports_hold_the_ranges(registry: Registry, walk: Path, tmp_path: Path) -> None:
+    (file,) = find_recordings([walk], registry).sources
+    scan = next(event for event in file.read().events if isinstance(event, Scan))
+    write_events(tmp_path / "again.events", [scan])
+    (again,) = EventFileReader().read(tmp_path / "again.events").events
+    assert encode_event(again) == encode_event(scan)
+    record = JournalRecord(RecordKind.EVENT, 1, scan.device, scan.t_ns, 1, encode_event(scan))
+    line = json.loads(record_to_json_line(record))
+    assert line["values"] == {name: column.tolist() for name, column in scan.values.items()}
+    assert line["rssi_dbm"] == [None] * len(scan)
 
 
 def test_the_command_lists_the_package_and_its_source(tickfix: Command, installed: Path) -> None:
