@@ -280,8 +280,9 @@ class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
         """Update a state that is predicted already with each observation that has a fix."""
         total = Report()
         for observation in observations:
-            if observation.fix is not None:
-                state, report = self.update(state, observation.fix, rng)
+            updated = self.observe(state, observation, rng)
+            if updated is not None:
+                state, report = updated
                 total = replace(
                     report,
                     used=total.used + report.used,
@@ -289,6 +290,14 @@ class PredictUpdateFilter(BaseFilter[P], Generic[P, S]):
                     reasons=total.reasons + report.reasons,
                 )
         return state, total
+
+    def observe(self, state: S, observation: Observation, rng: Rng) -> tuple[S, Report] | None:
+        """Correct the state by one observation, None where it tells nothing.
+
+        By default only the fix is used. A filter that can use ``observation.log_likelihood`` overrides this, see
+        :func:`tickfix.toolkit.likelihoods.offered_log_likelihood`.
+        """
+        return None if observation.fix is None else self.update(state, observation.fix, rng)
 
     @abstractmethod
     def begin(self, fix: Fix, rng: Rng) -> S:

@@ -48,6 +48,7 @@ from tickfix.api import (
     displacement,
 )
 from tickfix.toolkit.fix_errors import FloorHysteresis, sigma_per_axis_m
+from tickfix.toolkit.likelihoods import offered_log_likelihood
 from tickfix.toolkit.particles import effective_sample_size, normalise_log_weights, systematic_resample
 from tickfix.toolkit.walkable_area import WallDirections
 from tickfix_filters.fusion_model import (
@@ -145,8 +146,27 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
             propagated += self._propagate_batch(states[batch], motions[batch], rngs[batch])
         return propagated
 
+    def observe(self, state: Particles, observation: Observation, rng: Rng) -> tuple[Particles, Report] | None:
+        """Weigh the particles by the observation's likelihood where it offers one, else by its fix."""
+        floor = state.hysteresis.floor
+        log_likelihood = offered_log_likelihood(observation, floor, state.xy)
+        if log_likelihood is None:
+            return None if observation.fix is None else self.update(state, observation.fix, rng)
+        if not np.isfinite(log_likelihood).any():
+            return state, Report(gated=1, reasons=("no particle explains the scan",))
+        fix = observation.fix
+        if fix is not None:
+            return self._update(state, fix, rng, log_likelihood)
+        weighted = replace(state, log_weights=state.log_weights + log_likelihood)
+        diagnostics = {"ess": float(effective_sample_size(normalise_log_weights(weighted.log_weights)))}
+        return self._resample_if_degenerate(weighted, rng), Report(used=1, diagnostics=diagnostics)
+
     def update(self, state: Particles, fix: Fix, rng: Rng) -> tuple[Particles, Report]:
         """Weigh the particles by the fix, [jiang2015] eqs. (18)–(19): Student's t for what is new in its error."""
+        return self._update(state, fix, rng, None)
+
+    def _update(self, state: Particles, fix: Fix, rng: Rng, log_likelihood: Floats | None) -> tuple[Particles, Report]:
+        """Correct by a fix; ``log_likelihood`` (N,) weighs the particles instead of the fix's error model."""
         hysteresis = state.hysteresis.observe(fix.floor)
         if hysteresis.floor != state.hysteresis.floor:
             return self.begin(fix, rng), Report(used=1, reasons=("changed floor",))
@@ -155,7 +175,9 @@ class FusionPf(PredictUpdateFilter[FusionPfParams, Particles]):
         nu, rho = self.params.student_t_dof, self.params.correlation(fix, state.last_fix_ns)
         error = (fix.xy - state.xy) / (self.params.fix_sigma_m or sigma_per_axis_m(fix))
         squares: Floats = ((error - rho * state.error) ** 2).sum(axis=1) / (1.0 - rho**2)
-        log_weights = state.log_weights - 0.5 * (nu + 2.0) * np.log1p(squares / nu)
+        if log_likelihood is None:
+            log_likelihood = -0.5 * (nu + 2.0) * np.log1p(squares / nu)
+        log_weights = state.log_weights + log_likelihood
         off = fix.xy - mean_xy(state)
         innovation_m = math.hypot(*off)
         clipped_offset = min(1.0, _MAX_OFFSET_RATIO * self.params.reset_distance_m / max(innovation_m, 1e-9)) * off
