@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from collections import Counter
@@ -182,3 +183,24 @@ def shares(pid: int) -> bool:
 def grown(journal: Path) -> int:
     """Return how many bytes there are."""
     return sum(file.stat().st_size for file in journal.glob("*.mcap"))
+
+
+def test_an_observer_sees_all_that_a_live_engine_with_workers_says(
+    lab: Lab, walks: list[Path], package: Callable[..., Mapping[str, str]], tickfix: Command
+) -> None:
+    source = Path(__file__).parents[1] / "third_party" / "observer" / "tickfix_walk_log" / "__init__.py"
+    log = lab.place / "log.jsonl"
+    lab.env |= package("tickfix_walk_log", source.read_text("utf-8")) | {"WALK_LOG": str(log)}
+    journal = lab.place / "journal"
+    engine = lab.serve(CALM + WORKERS, "--journal", journal)
+    assert outcome(lab.send(engine, *walks, "--speed", "0"))["unknown"] == 0
+    engine.stop()
+    seen = [json.loads(line) for line in log.read_text("utf-8").splitlines()]
+    assert (seen[0]["what"], seen[0]["mode"], seen[-1]["what"]) == ("started", "live", "ended")
+    assert seen[-1]["reason"] == ""
+    ticks = [tuple(tick[:4]) for line in seen if line["what"] == "estimates" for tick in line["ticks"]]
+    assert Counter(ticks) == Counter((e.pipeline, e.epoch, e.tick, e.revision) for e in estimates(journal))
+    assert len(ticks) > 100
+    devices = [device for line in seen if line["what"] == "epochs" for device in line["devices"]]
+    assert len(devices) == len(set(devices)) == len(walks)
+    assert any(line["what"] == "fixes" for line in seen)

@@ -102,6 +102,8 @@ class Engine:
         status: answers queries; learns after each round, at least four times a second, that the loop is alive.
         beat: called after each round, as a sign of life.
         log: gets one sentence about anything an operator must know.
+        on_overrun: called with ``active``, ``lag_s`` and ``devices`` when the loop falls behind, and when it keeps up
+            again.
 
     Attributes:
         schedule: the devices, their progress, deadlines and backlogs.
@@ -121,6 +123,7 @@ class Engine:
         status: EngineStatus | None = None,
         beat: Callable[[], None] = lambda: None,
         log: Callable[[str], None] = lambda _: None,
+        on_overrun: Callable[..., None] = lambda **_: None,
     ) -> None:
         """Prepare the loop; :meth:`serve` runs it."""
         self._source = source
@@ -133,6 +136,7 @@ class Engine:
         self._status = EngineStatus({}, clock) if status is None else status
         self._beat = beat
         self._log = log
+        self._on_overrun = on_overrun
         self._overload = OverloadDetector(settings.overload_s)
         self.schedule = DeviceSchedule(Deadlines(round(settings.grace_ms * 1e6), round(settings.coast_s * 1e9)))
         self._publish_queue = PublishQueue(hub, write_ahead, ack_on_disk=settings.durability == "ack", log=log)
@@ -406,11 +410,12 @@ class Engine:
     def _check_overload(self, lag_ns: int, now_ns: int) -> None:
         if not self._overload.update(lag_ns, now_ns):
             return
+        n = len(self.schedule.deadlines.devices)
+        self._on_overrun(active=self._overload.active, lag_s=lag_ns * 1e-9, devices=n)
         if not self._overload.active:
             self._hub.reject_new_devices(None)
             self._log("the loop keeps up again: new devices are let in")
             return
-        n = len(self.schedule.deadlines.devices)
         message = f"overload: the loop is {lag_ns * 1e-9:.1f} s behind with {n} devices"
         if self._settings.overrun == "fail":
             raise OverrunError(f"{message}, and overrun = 'fail'")

@@ -199,7 +199,9 @@ def _compare_estimate(record: JournalRecord, replayed: Estimate | None) -> Estim
     if replayed is None:
         return EstimateDifference(record.number, journaled, None, ())
     one, other = MAP_DECODER.decode(record.payload), MAP_DECODER.decode(body)
-    names = tuple(name for name in Estimate.__dataclass_fields__ if bytes(one.get(name, b"")) != bytes(other[name]))
+    names = tuple(
+        name for name in Estimate.__dataclass_fields__ if bytes(one.get(name, b"")) != bytes(other.get(name, b""))
+    )
     return EstimateDifference(record.number, journaled, replayed, names or ("bytes",))
 
 

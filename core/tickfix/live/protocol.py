@@ -101,12 +101,16 @@ class ReplicaStepResult(msgspec.Struct, frozen=True, array_like=True):
         estimates: estimates in the order in which they are journaled: what was revised, then what closed a tick.
         must_journal: whether a journal must have the decision: something was said, or settled.
         progress: how far the device has come; None for one that is not followed.
+        fixes: encoded fixes of ticks that settled; empty unless a plugin observes them.
+        faults: calls of stages that failed, as stage, error and detail; empty unless a plugin observes them.
     """
 
     outcome: MessageOutcome | None = None
     estimates: tuple[EncodedEstimate, ...] = ()
     must_journal: bool = False
     progress: DeviceProgress | None = None
+    fixes: tuple[bytes, ...] = ()
+    faults: tuple[tuple[str, str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import msgspec
+
 from tickfix.api import Event, Scan
 from tickfix.api.packing import pack, unpack
 from tickfix.kernel import (
@@ -51,14 +53,27 @@ class Replica:
         *,
         on_call: Callable[[Stage | None], None] | None = None,
         on_failure: Callable[[StageFailure], None] | None = None,
+        report_fixes: bool = False,
+        report_faults: bool = False,
     ) -> None:
         """Begin with nothing.
 
         Args:
             on_call: told of every stage before it is called, and None after.
             on_failure: told of every call that failed.
+            report_fixes, report_faults: results of steps hold the fixes of settled ticks, and the calls that failed.
         """
-        self.kernel = Kernel(pipelines, settings, on_call=on_call, on_failure=on_failure)
+        self._report_fixes = report_fixes
+        self._faults: list[tuple[str, str, str]] = []
+
+        def record_failure(failure: StageFailure) -> None:
+            self._faults.append((failure.stage, failure.what, failure.detail))
+            if on_failure is not None:
+                on_failure(failure)
+
+        self.kernel = Kernel(
+            pipelines, settings, on_call=on_call, on_failure=record_failure if report_faults else on_failure
+        )
         self._waiting: dict[int, Scan] = {}
         self.primary = ""
 
@@ -82,7 +97,11 @@ class Replica:
                 results.append(ReplicaStepResult(outcome, progress=self.kernel.progress(step.event.device)))
             else:
                 results.append(self._decision_result(step))
-        return results + self._run_batch(runs)
+        results += self._run_batch(runs)
+        if self._faults and results:
+            results[-1] = msgspec.structs.replace(results[-1], faults=tuple(self._faults))
+            self._faults.clear()
+        return results
 
     def event(self, number: int, event: Event) -> MessageOutcome | None:
         """Take in the event of record ``number``; None means that it waits for a decision."""
@@ -160,4 +179,8 @@ class Replica:
         self, device: str, output: KernelOutput, outcome: MessageOutcome | None = None
     ) -> ReplicaStepResult:
         estimates = tuple(EncodedEstimate.of(estimate) for estimate in (*output.revised, *output.published))
-        return ReplicaStepResult(outcome, estimates, bool(estimates or output.settled), self.kernel.progress(device))
+        fixes: tuple[bytes, ...] = ()
+        if self._report_fixes:
+            fixes = tuple(encode_event(seen.fix) for _, seen in output.observations if seen.fix is not None)
+        must_journal = bool(estimates or output.settled)
+        return ReplicaStepResult(outcome, estimates, must_journal, self.kernel.progress(device), fixes)

@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Final
 
+from tickfix.api import Run
 from tickfix.client import Keys
 from tickfix.config import build_pipelines
 from tickfix.journal import JournalWriter
@@ -20,6 +21,7 @@ from tickfix.live.engine_status import EngineStatus, static_status
 from tickfix.live.follower import FollowSource, Leader
 from tickfix.live.heartbeat import WatchdogHeartbeat
 from tickfix.live.localization import LocatorThreads, ScanLocator, with_fingerprint_cache
+from tickfix.live.observation import ObservedExecutor
 from tickfix.live.protocol import EngineError, Executor
 from tickfix.live.publisher import WriteAheadBuffer
 from tickfix.live.recovery import last_values, open_journal, resume_if_requested, retry_while_locked, run_ids
@@ -28,6 +30,7 @@ from tickfix.live.sensor_source import SensorSource
 from tickfix.live.serve_options import LiveSettings, ServeOptions
 from tickfix.live.worker import Worker
 from tickfix.live.worker_pool import WorkerPool
+from tickfix.observers import Observers
 from tickfix.ports import Hub, PortAddresses, PortSettings
 from tickfix.registry import Registry
 from tickfix.replay.site_survey import site_context
@@ -80,6 +83,7 @@ def build_executor(
     settings: KernelSettings,
     heartbeat: WatchdogHeartbeat,
     log: Callable[[str], None],
+    observers: Observers | None = None,
 ) -> Executor:
     """Return who folds: workers, forked from this process, which must have no other thread yet; or this process.
 
@@ -90,7 +94,12 @@ def build_executor(
 
     def replica(own: WatchdogHeartbeat) -> Replica:
         return Replica(
-            with_fingerprint_cache(pipelines), settings, on_call=own.enter_stage, on_failure=_failure_logger(log)
+            with_fingerprint_cache(pipelines),
+            settings,
+            on_call=own.enter_stage,
+            on_failure=_failure_logger(log),
+            report_fixes=observers is not None and observers.wants("tickfix_fixes"),
+            report_faults=observers is not None and observers.wants("tickfix_faults"),
         )
 
     def work(n: int, channel: Connection, completions: Connection) -> None:
@@ -122,7 +131,19 @@ def _failure_logger(log: Callable[[str], None]) -> Callable[[StageFailure], None
     return log_failure
 
 
-def serve(
+@contextmanager
+def _reported_end(observers: Observers, run: Run, observed: ObservedExecutor) -> Iterator[None]:
+    """Hand observers what is left, and tell them how the run ended."""
+    try:
+        yield
+    except BaseException as error:
+        observers.run_ended(run, f"{type(error).__name__}: {error}")
+        raise
+    observed.flush()
+    observers.run_ended(run)
+
+
+def serve(  # noqa: PLR0915 - the wiring, in the order in which it happens
     options: ServeOptions,
     registry: Registry,
     heartbeat: WatchdogHeartbeat,
@@ -153,7 +174,7 @@ def serve(
     if live.primary and live.primary not in names and live.primary not in left_out:
         raise EngineError(f"live.primary: found {live.primary!r}, expected one of {', '.join(names)}")
     heartbeat.register_stages(pipelines)
-    replica = build_executor(live, pipelines, options.config.kernel, heartbeat, log)
+    replica = build_executor(live, pipelines, options.config.kernel, heartbeat, log, registry.observers)
     resumed = resume_if_requested(options, replica, heartbeat, log)
     run, shown = run_ids(resumed)
     notes = [f"pipeline {name} is left out: {why}" for name, why in left_out.items()]
@@ -162,6 +183,15 @@ def serve(
     hub = Hub(ports, run=shown, site=site.name, describe=status.describe, sources=registry.sources)
     addresses = retry_while_locked(hub.start)
     writer: JournalWriter | None = None
+
+    observers = registry.observers
+    observed_run = Run(id=shown, mode="follow" if options.follow else "live", site=site.name, pipelines=tuple(names))
+    observed = ObservedExecutor(replica, observers, observed_run)
+
+    def after_round() -> None:
+        heartbeat.beat()
+        if not engine.journal_full:  # what waits for room in the journal was not published either
+            observed.flush()
 
     try:
         writer = open_journal(options, registry, run, resumed, replica)
@@ -176,15 +206,16 @@ def serve(
             source = SensorSource(hub, build_scan_locator(replica, live, hub.wake), live, log=log)
         engine = Engine(
             source,
-            replica,
+            observed if observers else replica,
             hub,
             write_ahead,
             live,
             site=site.name,
             names=names,
             status=status,
-            beat=heartbeat.beat,
+            beat=after_round,
             log=log,
+            on_overrun=observed.overrun,
         )
         engine.recover()
         if resumed is not None:
@@ -192,7 +223,8 @@ def serve(
         control(engine)
         on_started(shown, addresses)
         heartbeat.mark_serving()
-        with rare_full_collections():
+        observers.run_started(observed_run)
+        with rare_full_collections(), _reported_end(observers, observed_run, observed):
             engine.serve()
         on_ended(engine)
     finally:
