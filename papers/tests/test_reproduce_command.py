@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import tomllib
 from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from subprocess import CompletedProcess
-from textwrap import dedent
 
 import numpy as np
 import pytest
@@ -18,51 +19,17 @@ from tickfix_papers import Experiment
 
 Reproduce = Callable[..., CompletedProcess[str]]
 PAPERS = ("jiang2015", "sun2013", "wang2015")
-COIN = dedent(
-    '''
-    """Is a coin fair? The experiment of a package that is not tickfix's."""
-
-    from dataclasses import dataclass, field
-
-    import numpy as np
-
-    from tickfix_papers import Experiment, PaperTable, TwinSetting, decide_claim, mean, table_row
+MANUAL = Path(__file__).parents[2] / "docs" / "reproduction.md"
 
 
-    @dataclass
-    class Tosses:
-        heads: float
-        failures: dict[str, int] = field(default_factory=dict)
-
-
-    def toss(registry, seed):
-        return Tosses(float(np.random.default_rng(seed).integers(0, 2, 1000).mean()))
-
-
-    def tables(runs):
-        row = table_row([[run.heads for run in runs]], [0.5])
-        return (PaperTable(name="Table 1", caption="heads", columns=("share",), rows={"coin": row}, decimals=3),)
-
-
-    def claims(runs):
-        share = mean([run.heads for run in runs])
-        return (decide_claim("it is fair", share, paper="0.5", ours=share.text(3), above=0.4, below=0.6),)
-
-
-    EXPERIMENT = Experiment(
-        paper="coin1999",
-        title="Tosses of a coin",
-        run_seed=toss,
-        twin_settings=(TwinSetting(what="tosses", value="1000", source="chosen"),),
-        tables=tables,
-        claims=claims,
-    )
-    '''
-)
+def documented(title: str) -> str:
+    """Return the code block of the manual that begins with this comment."""
+    (block,) = re.findall(rf"```\w+\n(# {re.escape(title)}\n.*?)```", MANUAL.read_text("utf-8"), re.DOTALL)
+    return block
 
 
 def package(folder: Path, module: str, entry: str) -> dict[str, str]:
-    """Install a package as pip would, a module and its metadata in a folder; return the variables to find it."""
+    """Install a package as pip would, a module and its metadata in a folder; return the variables to find it by."""
     (folder / "coin.py").write_text(module, "utf-8")
     info = folder / "coin_experiment-1.0.dist-info"
     info.mkdir()
@@ -72,8 +39,9 @@ def package(folder: Path, module: str, entry: str) -> dict[str, str]:
     return {"PYTHONPATH": os.pathsep.join([str(folder), *([inherited] if inherited else [])])}
 
 
-def test_an_experiment_of_another_package_is_run_by_its_key(reproduce: Reproduce, tmp_path: Path) -> None:
-    env = package(tmp_path, COIN, "coin:EXPERIMENT")
+def test_the_experiment_of_the_manual_is_run_by_its_key(reproduce: Reproduce, tmp_path: Path) -> None:
+    declared = tomllib.loads(documented("pyproject.toml of your package"))["project"]["entry-points"]
+    env = package(tmp_path, documented("coin.py"), declared["tickfix.experiments"]["coin1999"])
     found = json.loads(reproduce("coin1999", "--seeds", 3, "--json", env=env).stdout)["coin1999"]
     heads = [np.random.default_rng(seed).integers(0, 2, 1000).mean() for seed in range(3)]
     assert found["tables"][0]["rows"][0]["cells"][0]["paper"] == 0.5

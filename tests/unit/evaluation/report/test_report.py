@@ -17,7 +17,7 @@ from tickfix.api import Floor
 from tickfix.evaluation.comparison.comparison_result import ComparisonResult, compare_trials
 from tickfix.evaluation.report.charts import MAX_LINES, drawn_pipelines, pareto, pipeline_styles
 from tickfix.evaluation.report.html_report import html_page, inline_svg
-from tickfix.evaluation.report.report_data import build_report, worst_walks
+from tickfix.evaluation.report.report_data import Chart, build_report, worst_walks
 from tickfix.evaluation.report.report_files import write_report
 
 HOUR_NS = 3_600_000_000_000
@@ -217,3 +217,39 @@ def test_a_run_without_a_scored_waypoint_still_has_a_report(trial_of: Any, tmp_p
 def test_one_pipeline_alone_is_reported_without_comparison(trial_of: Any, tmp_path: Path) -> None:
     write_report(result_for(trial_of, {"A": 2.0}), FLOORS, tmp_path, draw=1)
     assert "There is nothing to compare one pipeline with." in (tmp_path / "report.html").read_text("utf-8")
+
+
+def test_the_page_says_how_the_comparison_was_made(trial_of: Any) -> None:
+    provenance = {
+        "sites": [{"name": "F1 <1>", "digest": "ab12", "walks": 7}],
+        "crossvalidation": {"folds": 3, "holdout_share": 0.3},
+        "code": {"A": "c0de"},
+        "versions": {"numpy": "1.26"},
+        "seeds": [0, 1],
+        "start_known": True,
+    }
+    report = build_report(result_for(trial_of, {"A": 2.0, "B": 1.0}, **provenance))
+    rows = dict(report.provenance)
+    assert rows["cross-validation"] == "3 folds per floor, 0.3 of the walks held out"
+    assert rows["seeds"] == "0, 1"
+    assert rows["start"] == "first waypoint given"
+    tables = {table.caption: table.rows for table in report.provenance_tables}
+    assert tables["SHA-256 of the sites"] == (("F1 <1>", "7", "ab12"),)
+    assert tables["SHA-256 of the code that ran"] == (("A", "c0de"),)
+    page = html_page(report, (), {}, FLOORS, draw=0)
+    read(page)
+    assert "F1 &lt;1&gt;" in page
+    assert "<1>" not in page
+
+
+def test_charts_follow_the_screen_and_heat_maps_keep_their_colours(folder: Path, result: ComparisonResult) -> None:
+    charts = [
+        Chart(folder / "figures" / "walks.svg", "Walks", ""),
+        Chart(folder / "figures" / "walks.svg", "Heat", "", keeps_colors=True),
+    ]
+    page = html_page(build_report(result), charts, {}, {}, draw=0)
+    follows, keeps = re.findall(r"<figure.*?</figure>", page, re.DOTALL)
+    assert "var(--ink, #1a1a1a)" in follows
+    assert "var(--paper, #ffffff)" in follows
+    assert "var(--" not in keeps
+    assert 'class=" fixed"' in keeps
