@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import msgpack
 import zmq
@@ -33,9 +33,13 @@ _SOCKET_OPTIONS: Final[dict[int, int]] = {
 class ClientError(Exception):
     """Root of the errors of this package."""
 
+    kind: ClassVar[str] = "client"
+
 
 class AccessDeniedError(ClientError):
     """The engine refuses this client; the message gives the reason and the remedy."""
+
+    kind: ClassVar[str] = "access_denied"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import zmq
 
@@ -24,9 +24,13 @@ from tickfix.client.connection import (
 class RequestTimeoutError(ClientError, TimeoutError):
     """No reply within the timeout."""
 
+    kind: ClassVar[str] = "timeout"
+
 
 class RequestRefusedError(ClientError):
     """The engine answered that it cannot, and why."""
+
+    kind: ClassVar[str] = "refused"
 
 
 class Control:

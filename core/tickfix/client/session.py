@@ -12,7 +12,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import zmq
 
@@ -143,6 +143,8 @@ _DEFAULT_MESSAGE_BYTES: Final = 262_144
 
 class BufferFullError(ClientError):
     """More messages wait for their acknowledgement than may be kept; the new one was not taken."""
+
+    kind: ClassVar[str] = "buffer_full"
 
 
 class Session:

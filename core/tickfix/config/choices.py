@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, TypeVar
 
 import msgspec
 
@@ -111,6 +111,8 @@ class RenamedKeyError(ConfigError):
         where: file and renamed key, such as ``mine.toml: pipelines.b.filter.own_ways``.
         new_name: the key that replaces it.
     """
+
+    kind: ClassVar[str] = "config_renamed"
 
     def __init__(self, where: str, new_name: str) -> None:
         super().__init__(where, "a renamed key", new_name)

@@ -8,7 +8,7 @@ import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 from tickfix.api.errors import ConfigError, TickfixError
 
@@ -23,6 +23,8 @@ _NO_SPACE_ERRNOS: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 class JournalError(TickfixError):
     """A journal that cannot be written or read: names the file and the cause."""
 
+    kind: ClassVar[str] = "journal"
+
 
 class JournalFull(JournalError):  # noqa: N818 - a state that passes, like queue.Full
     """There is no room for what was to be written; what was written before is intact.
@@ -31,6 +33,8 @@ class JournalFull(JournalError):  # noqa: N818 - a state that passes, like queue
         path: the segment that could not grow, or could not begin.
     """
 
+    kind: ClassVar[str] = "journal_full"
+
     def __init__(self, path: Path, cause: OSError) -> None:
         super().__init__(f"{path}: no room for more ({cause.strerror}); what is in it stays intact: make room")
         self.path = path
@@ -38,6 +42,8 @@ class JournalFull(JournalError):  # noqa: N818 - a state that passes, like queue
 
 class JournalLocked(JournalError):  # noqa: N818 - says what the folder is
     """Another process writes to the folder."""
+
+    kind: ClassVar[str] = "journal_locked"
 
     def __init__(self, folder: Path, holder: str) -> None:
         who = f"process {holder}" if holder else "another process"
@@ -52,6 +58,8 @@ class JournalDamaged(JournalError):  # noqa: N818 - says what the journal is
         path, offset: the place where reading found it.
     """
 
+    kind: ClassVar[str] = "journal_damaged"
+
     def __init__(self, path: Path, offset: int, what: str) -> None:
         super().__init__(f"{path}: at byte {offset}: {what}")
         self.path = path
@@ -60,6 +68,8 @@ class JournalDamaged(JournalError):  # noqa: N818 - says what the journal is
 
 class JournalOutOfDescriptors(JournalError):  # noqa: N818 - says what the process is
     """The process has no file descriptor left for another file; the one that is open can still be written."""
+
+    kind: ClassVar[str] = "journal_out_of_descriptors"
 
 
 def write_error(path: Path, cause: OSError) -> JournalError:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, Protocol, TypeAlias
 
 import msgspec
 
@@ -21,6 +21,8 @@ from tickfix.wire.engine_messages import Decision, encode_decision
 class EngineError(TickfixError):
     """An engine that cannot begin or go on."""
 
+    kind: ClassVar[str] = "engine"
+
 
 class WorkerError(EngineError):
     """A worker process of an engine is gone, and with it what it had folded; the journal has all of it.
@@ -28,6 +30,8 @@ class WorkerError(EngineError):
     Attributes:
         signal: that ended it, 0 if none did.
     """
+
+    kind: ClassVar[str] = "engine_worker"
 
     def __init__(self, text: str, signal: int = 0) -> None:
         """Say how it ended."""
@@ -37,6 +41,8 @@ class WorkerError(EngineError):
 
 class OverrunError(EngineError):
     """An engine that was told to end when it falls behind, and did."""
+
+    kind: ClassVar[str] = "engine_overrun"
 
 
 class EncodedEstimate(msgspec.Struct, frozen=True, array_like=True, gc=False):

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any, Final, TypeVar
+from typing import Any, ClassVar, Final, TypeVar
 
 import msgspec
 import numpy as np
@@ -54,6 +54,8 @@ class WireError(TickfixError):
         expected: what would be understood.
         outcome: the intake outcome it stands for: ``malformed``, or ``unknown`` for what a newer peer may mean.
     """
+
+    kind: ClassVar[str] = "wire"
 
     def __init__(self, field: str, found: str, expected: str, outcome: ReplyOutcome = ReplyOutcome.MALFORMED) -> None:
         super().__init__(f"{field}: found {found}; expected {expected}")
