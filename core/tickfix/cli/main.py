@@ -8,19 +8,7 @@ from typing import Annotated, Final
 
 import typer
 
-from tickfix.api import TickfixError
-from tickfix.cli.compare import compare
-from tickfix.cli.experiments import demo, reproduce
-from tickfix.cli.journal import app as journal_app
-from tickfix.cli.keys import app as keys_app
-from tickfix.cli.monitor import control, listen, status
-from tickfix.cli.plugins import app as plugins_app
-from tickfix.cli.replay import replay
-from tickfix.cli.send import locate, send
-from tickfix.cli.serve import serve
-from tickfix.cli.survey import survey
-from tickfix.client import ClientError
-from tickfix.config import RenamedKeyError
+from tickfix.cli.lazy_commands import LazyCommandGroup
 from tickfix.version import __version__
 
 RENAMED_OPTIONS: Final = {
@@ -32,25 +20,12 @@ RENAMED_OPTIONS: Final = {
 
 app = typer.Typer(
     name="tickfix",
+    cls=LazyCommandGroup,
     help="Follow people indoors: motion sensors and Wi-Fi scans in, a position every 200 ms out.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command()(demo)
-app.command()(survey)
-app.command()(replay)
-app.command()(reproduce)
-app.command()(compare)
-app.command()(serve)
-app.command()(send)
-app.command()(locate)
-app.command()(listen)
-app.command()(status)
-app.command()(control)
-app.add_typer(keys_app, name="keys")
-app.add_typer(plugins_app, name="plugins")
-app.add_typer(journal_app, name="journal")
 
 
 def _version(asked: bool) -> None:  # noqa: FBT001 - the shape of a typer callback
@@ -78,6 +53,8 @@ def refuse_renamed_options(arguments: Sequence[str]) -> None:
     for argument in arguments[1:]:
         option = argument.partition("=")[0]
         if new_name := RENAMED_OPTIONS.get((arguments[0], option)):
+            from tickfix.config import RenamedKeyError  # noqa: PLC0415 - slow to import, and seldom needed
+
             raise RenamedKeyError(f"{arguments[0]} {option}", new_name)
 
 
@@ -86,9 +63,19 @@ def main() -> None:
     try:
         refuse_renamed_options(sys.argv[1:])
         app()
-    except (TickfixError, ClientError, OSError) as error:
+    except Exception as error:
+        if not isinstance(error, _user_errors()):
+            raise
         sys.stderr.write(f"tickfix: {error}\n")
         sys.exit(2)
+
+
+def _user_errors() -> tuple[type[Exception], ...]:
+    """Return the errors that the user can correct; imported only once something failed, as they bring numpy along."""
+    from tickfix.api import TickfixError  # noqa: PLC0415
+    from tickfix.client import ClientError  # noqa: PLC0415
+
+    return TickfixError, ClientError, OSError
 
 
 if __name__ == "__main__":

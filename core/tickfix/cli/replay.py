@@ -34,6 +34,7 @@ from tickfix.registry import Registry
 from tickfix.replay.recording_files import RecordingFile, find_recordings
 from tickfix.sinks.file_sinks import SinkTarget, open_sink, sink_for
 from tickfix.site import Site, load_site
+from tickfix.workflow.walks import check_walks
 
 
 def select_walks(
@@ -53,15 +54,7 @@ def select_walks(
         raise SiteError(f"site {site.name!r}: no walk was held out; survey again with --holdout 0.3")
     files = find_recordings([held.file() for held in site.held_out] if holdout else walks, plugins)
     warn_each(files.problems, "problems of readers")
-    names = [_walk_name(source.path) for source in files.sources]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ConfigError(command, f"several walks called {twice[0]!r}", "walks with different names")
-    learnt = {track.walk for track in site.survey_tracks}
-    if known := [name for name in names if name in learnt]:
-        warn(
-            f"{known[0]}{' and others' if len(known) > 1 else ''}: part of the survey, which flatters the errors: "
-            "the site has learnt from it"
-        )
+    warn_each(check_walks(command, files.sources, site), "walks")
     return files.sources
 
 
@@ -70,10 +63,6 @@ def warn_untrained(site: Site, settings: Config, config: Path | None) -> None:
     for label in untrained(site, settings):
         again = "tickfix survey" if config is None else f"tickfix survey --config {config}"
         warn(f"{label}: the site has no model for these parameters; it runs untrained. Survey again: {again} …")
-
-
-def _walk_name(path: Path) -> str:
-    return path.name.removesuffix(".gz").rpartition(".")[0] or path.name
 
 
 def replay_and_verify_journal(journal: Path, site: Path | None, *, as_json: bool) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tickfix.api import ConfigError, Floats, Floor
+from tickfix.api import Floats, Floor
 from tickfix.evaluation.comparison.comparison_result import ComparisonResult
 from tickfix.evaluation.comparison.comparison_run import floors_by_site, run_comparison
 from tickfix.evaluation.comparison.evaluation_sites import surveyed_site
@@ -21,7 +21,7 @@ from tickfix.evaluation.comparison.trials import TrialOptions
 from tickfix.replay.recording_files import Progress, no_progress
 from tickfix.workflow.pipelines import PipelineSpec, resolve_pipelines, warn_each
 from tickfix.workflow.tracking import SiteSource, as_site, warn_untrained
-from tickfix.workflow.walks import WalkSource, find_walks
+from tickfix.workflow.walks import WalkSource, check_walks, find_walks
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -65,9 +65,7 @@ def compare(
     surveyed = as_site(site)
     warn_untrained(surveyed, config)
     sources = find_walks(surveyed.held_out if walks is None else walks)
-    names = [source.read().name if source.name == "memory" else source.path.name for source in sources]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ConfigError("walks", f"several called {twice[0]!r}", "walks with different names")
+    warn_each(check_walks("walks", sources, surveyed))
     evaluation_site = surveyed_site(surveyed, surveyed.name, sources)
     first = config.kernel.seed
     options = TrialOptions(config=config, seeds=tuple(range(first, first + seeds)), start_known=start_known)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from tickfix.api import (
     SENSORS,
     TICK_NS,
+    ConfigError,
     Event,
     EventError,
     Floats,
@@ -26,7 +27,7 @@ from tickfix.api import (
     Truth,
 )
 from tickfix.replay.recording_files import LoadedRecording, RecordingFile, find_recordings
-from tickfix.site import HeldOutWalk
+from tickfix.site import HeldOutWalk, Site
 from tickfix.workflow.pipelines import installed, warn_each
 
 WalkSource: TypeAlias = Recording | HeldOutWalk | str | PathLike[str]
@@ -79,6 +80,33 @@ def find_walks(walks: WalkSource | Iterable[WalkSource]) -> tuple[RecordingFile 
         known = {source.path.resolve() for source in found if isinstance(source, RecordingFile)}
         found += [source for source in files.sources if source.path.resolve() not in known]
     return tuple(found)
+
+
+def check_walks(where: str, sources: Sequence[RecordingFile | LoadedRecording], site: Site) -> tuple[str, ...]:
+    """Check the walks to be evaluated on a site.
+
+    Returns:
+        Sentences to warn with, where walks are part of the site's survey.
+
+    Raises:
+        ConfigError: naming ``where`` the walks were given, when two share a name.
+    """
+    names = [_walk_name(source) for source in sources]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(where, f"several walks called {twice[0]!r}", "walks with different names")
+    surveyed = {track.walk for track in site.survey_tracks}
+    known = [name for name in names if name in surveyed]
+    if not known:
+        return ()
+    others = " and others" if len(known) > 1 else ""
+    return (f"{known[0]}{others}: part of the survey, which flatters the errors: the site has learnt from it",)
+
+
+def _walk_name(source: RecordingFile | LoadedRecording) -> str:
+    if isinstance(source, LoadedRecording):
+        return source.recording.name
+    name = source.path.name
+    return name.removesuffix(".gz").rpartition(".")[0] or name
 
 
 def recording(

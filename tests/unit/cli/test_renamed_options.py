@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 
 import pytest
-import typer
 
-from tickfix.cli.main import RENAMED_OPTIONS, app, main
+from tickfix.cli.lazy_commands import COMMANDS, load_command
+from tickfix.cli.main import RENAMED_OPTIONS, main
 
 
 @pytest.mark.parametrize(("subcommand", "old"), RENAMED_OPTIONS)
@@ -26,8 +26,7 @@ def test_an_old_option_is_refused_with_the_new_name(
 
 @pytest.mark.parametrize(("subcommand", "old"), RENAMED_OPTIONS)
 def test_the_new_option_exists_and_the_old_one_does_not(subcommand: str, old: str) -> None:
-    (command,) = [c for c in app.registered_commands if c.callback is not None and c.callback.__name__ == subcommand]
-    group = typer.main.get_command_from_info(command, pretty_exceptions_short=True, rich_markup_mode=None)
-    options = {option for parameter in group.params for option in parameter.opts}
+    command = load_command(COMMANDS[subcommand], subcommand)
+    options = {option for parameter in command.params for option in parameter.opts}
     assert RENAMED_OPTIONS[subcommand, old] in options
     assert old not in options

@@ -61,8 +61,11 @@ def test_walks_that_were_held_out_are_the_default(office: DemoScenario) -> None:
 
 def test_mistakes_are_named(office: DemoScenario, site: tickfix.Site) -> None:
     walk = office.walks[0].recording
-    with pytest.raises(ConfigError, match="several called 'walk-F1-01'"):
+    with pytest.raises(ConfigError, match="several walks called 'walk-F1-01'"):
         tickfix.compare("wifi", [walk, walk], site)
+    surveyed = office.survey[0].recording
+    with pytest.warns(tickfix.TickfixWarning, match=f"{surveyed.name}: part of the survey"):
+        tickfix.compare("wifi", [surveyed], site)
     with pytest.raises(ConfigError, match="no walks"):
         tickfix.compare("wifi", [], site)
 
