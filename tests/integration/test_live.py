@@ -6,6 +6,7 @@ import json
 import os
 import resource
 import signal
+import socket
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -350,6 +351,17 @@ def test_an_engine_that_follows_settles_what_it_has_when_it_is_drained(lab: Lab,
     repeats(tickfix, lab.place / "second")
     with leader.control() as control:
         assert [one["device"] for one in control.devices()] == ["phone"]
+
+
+def test_messages_to_the_operator_are_json_lines_with_codes_if_wanted(lab: Lab, tickfix: Command) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        ended = tickfix("serve", lab.site, "--control", address, "--log-format", "json", "--no-watchdog", code=2)
+    (line,) = map(json.loads, ended.stderr.splitlines())
+    assert (line["level"], line["logger"], line["code"]) == ("critical", "tickfix.cli.serve", "engine_failed")
+    assert address in line["message"]
 
 
 def _until_followed(lab: Lab, leader: Process, followers: tuple[Process, ...]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import sys
@@ -15,6 +16,7 @@ import typer
 from tickfix.api import ConfigError, TickfixError
 from tickfix.api.errors import PortError
 from tickfix.cli.console import registry
+from tickfix.cli.log_output import LogFormat, LogLevel, configure_logging
 from tickfix.cli.replay import PipelineNames, override_config
 from tickfix.cli.survey import ConfigFile, Seed
 from tickfix.config import Config, load_config
@@ -29,6 +31,8 @@ from tickfix.live.startup import serve as run_engine
 from tickfix.live.supervisor import CRASH_SIGNALS, EXIT_CRASHED, EXIT_FINAL, supervise
 from tickfix.ports import PortAddresses
 from tickfix.registry import Registry
+
+_LOGGER = logging.getLogger(__name__)
 
 _ANY = "tcp://127.0.0.1:*"
 
@@ -66,12 +70,17 @@ def serve(
         bool, typer.Option("--watchdog/--no-watchdog", help="Restart an engine that hangs or dies.")
     ] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print what happens as JSON lines.")] = False,
+    log_format: Annotated[
+        LogFormat | None, typer.Option("--log-format", help="How messages to the operator are written on stderr.")
+    ] = None,
+    log_level: Annotated[LogLevel, typer.Option("--log-level", help="The least severe messages.")] = LogLevel.INFO,
 ) -> None:
     """Follow devices live: sensors in and positions out over ZeroMQ, every 200 ms, with a journal if wanted.
 
     Stop it with Ctrl-C or `tickfix control stop`; after a crash start it again with --resume.
     """
     require_serving_platform()
+    configure_logging(log_format, log_level, notices=as_json)
     plugins = registry()
     settings = override_config(load_config(config, plugins), pipeline, seed)
     if follow:  # beside the engine that it follows, which has the usual ports
@@ -92,7 +101,7 @@ def serve(
 
     if watchdog:
         stall_s = settings.section("live", LiveSettings).watchdog_s
-        code = supervise(options, engine, stall_s=stall_s, log=lambda text: _log(text, as_json=as_json))
+        code = supervise(options, engine, stall_s=stall_s)
     else:
         code = engine(options, WatchdogHeartbeat())
     raise typer.Exit(code)
@@ -136,13 +145,11 @@ def _run_engine(options: ServeOptions, plugins: Registry, heartbeat: WatchdogHea
             plugins,
             heartbeat,
             on_started=on_started,
-            log=lambda text: _log(text, as_json=as_json),
             on_ended=on_ended,
             control=control,
         )
     except (TickfixError, OSError) as error:
-        sys.stderr.write(f"tickfix: {error}\n")
-        sys.stderr.flush()
+        _LOGGER.critical("%s", error, extra={"code": "engine_failed"})
         return _exit_code(error, running=running)
     return 0
 
@@ -164,14 +171,6 @@ def _with_ports(settings: Config, given: dict[str, Any]) -> Config:
     if not given or not isinstance(table, dict):
         return settings
     return replace(settings, sections={**settings.sections, "ports": {**table, **given}})
-
-
-def _log(text: str, *, as_json: bool) -> None:
-    if as_json:
-        _print_json_line({"notice": text})
-    else:
-        sys.stderr.write(f"tickfix: {text}\n")
-        sys.stderr.flush()
 
 
 def _print_json_line(value: dict[str, Any]) -> None:

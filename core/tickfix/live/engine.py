@@ -12,6 +12,7 @@ Where steps come from is a matter of the :class:`EventSource`: sensors and the e
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -25,6 +26,8 @@ from tickfix.live.serve_options import LiveSettings
 from tickfix.ports import Clock, ControlCommand, Hub, InboundMessage
 from tickfix.wire import ReplyOutcome
 from tickfix.wire.engine_messages import AdmitScan, DropScan, FinishDevice, RunDevice, SelectPrimary
+
+_LOGGER = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +104,6 @@ class Engine:
         clock: monotonic.
         status: answers queries; learns after each round, at least four times a second, that the loop is alive.
         beat: called after each round, as a sign of life.
-        log: gets one sentence about anything an operator must know.
         on_overrun: called with ``active``, ``lag_s`` and ``devices`` when the loop falls behind, and when it keeps up
             again.
 
@@ -122,7 +124,6 @@ class Engine:
         clock: Clock | None = None,
         status: EngineStatus | None = None,
         beat: Callable[[], None] = lambda: None,
-        log: Callable[[str], None] = lambda _: None,
         on_overrun: Callable[..., None] = lambda **_: None,
     ) -> None:
         """Prepare the loop; :meth:`serve` runs it."""
@@ -135,11 +136,10 @@ class Engine:
         self._clock = Clock() if clock is None else clock
         self._status = EngineStatus({}, clock) if status is None else status
         self._beat = beat
-        self._log = log
         self._on_overrun = on_overrun
         self._overload = OverloadDetector(settings.overload_s)
         self.schedule = DeviceSchedule(Deadlines(round(settings.grace_ms * 1e6), round(settings.coast_s * 1e9)))
-        self._publish_queue = PublishQueue(hub, write_ahead, ack_on_disk=settings.durability == "ack", log=log)
+        self._publish_queue = PublishQueue(hub, write_ahead, ack_on_disk=settings.durability == "ack")
         self._publisher = EstimatePublisher(
             replica, write_ahead, self._publish_queue, settings, site=site, names=names, clock=self._clock
         )
@@ -414,13 +414,13 @@ class Engine:
         self._on_overrun(active=self._overload.active, lag_s=lag_ns * 1e-9, devices=n)
         if not self._overload.active:
             self._hub.reject_new_devices(None)
-            self._log("the loop keeps up again: new devices are let in")
+            _LOGGER.info("the loop keeps up again: new devices are let in", extra={"code": "overload_ended"})
             return
         message = f"overload: the loop is {lag_ns * 1e-9:.1f} s behind with {n} devices"
         if self._settings.overrun == "fail":
             raise OverrunError(f"{message}, and overrun = 'fail'")
         self._hub.reject_new_devices(f"the engine is {self.overload}")
-        self._log(f"{message}; new devices are refused until it keeps up")
+        _LOGGER.warning("%s; new devices are refused until it keeps up", message, extra={"code": "overload"})
 
 
 def _succeeded(data: Any) -> tuple[bool, Any]:

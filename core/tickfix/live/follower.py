@@ -7,8 +7,9 @@ concerned go on as after any loss of messages.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
@@ -25,6 +26,8 @@ from tickfix.ports import Hub, InboundMessage
 from tickfix.ports.inbound_queue import InboundItem
 from tickfix.wire import FollowEnvelope, ReplyOutcome, WireError, decode_event
 from tickfix.wire.engine_messages import AdmitScan, DropScan, FinishDevice, RunDevice, decode_decision
+
+_LOGGER = logging.getLogger(__name__)
 
 _IDLE_MS: Final = 200
 _MAX_RECORDS_PER_ROUND: Final = 2_000
@@ -48,14 +51,12 @@ class FollowSource:
     Args:
         leader: the engine to follow.
         hub: the follower's own ports; its sensors port refuses everything.
-        log: gets one sentence about anything an operator must know.
     """
 
-    def __init__(self, leader: Leader, hub: Hub, *, log: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(self, leader: Leader, hub: Hub) -> None:
         """Connect; a leader that is not there yet is no error."""
         self._address = leader.address
         self._hub = hub
-        self._log = log
         self._own_numbers: dict[int, tuple[int, str]] = {}
         self._run = ""
         self._seq = 0
@@ -94,7 +95,9 @@ class FollowSource:
             self.counts["records"] += 1
         except (ValueError, WireError, msgspec.MsgspecError) as error:
             self.counts["malformed"] += 1
-            self._log(f"{self._address}: a record that cannot be used: {error}")
+            _LOGGER.warning(
+                "%s: a record that cannot be used: %s", self._address, error, extra={"code": "record_malformed"}
+            )
 
     def refuse(self, item: InboundMessage | FollowFrames, reason: str) -> None:
         """Answer a message ``busy``; a record of the leader is dropped."""
@@ -137,11 +140,15 @@ class FollowSource:
     def _check_sequence(self, head: FollowEnvelope) -> None:
         if head.run != self._run:
             if self._run:
-                self._log(f"{self._address}: the engine restarted as {head.run}")
+                _LOGGER.info(
+                    "%s: the engine restarted as %s", self._address, head.run, extra={"code": "leader_restarted"}
+                )
             self._run, self._own_numbers = head.run, {}
         elif head.seq > self._seq + 1:
             self.counts["missed"] += head.seq - self._seq - 1
-            self._log(f"{self._address}: missed {head.seq - self._seq - 1} records")
+            _LOGGER.warning(
+                "%s: missed %d records", self._address, head.seq - self._seq - 1, extra={"code": "records_missed"}
+            )
         self._seq = head.seq
 
     def _admit_event(self, number: int, body: bytes, engine: Engine, now_ns: int) -> None:

@@ -6,6 +6,7 @@ fills both. Nothing is published or acknowledged before it is committed.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -18,6 +19,8 @@ from tickfix.live.serve_options import LiveSettings
 from tickfix.ports import Clock, Hub, InboundMessage, Publication
 from tickfix.wire import ReplyOutcome, TopicFamily
 from tickfix.wire.engine_messages import Decision, encode_decision
+
+_LOGGER = logging.getLogger(__name__)
 
 _RETRY_ROUNDS: Final = 200
 """Rounds until a segment that could not be begun is tried again."""
@@ -145,17 +148,13 @@ class PublishQueue:
 
     Args:
         ack_on_disk: acknowledgements wait for the disk, not only for the commit.
-        log: told, in a sentence, what an operator must know.
     """
 
-    def __init__(
-        self, hub: Hub, write_ahead: WriteAheadBuffer, *, ack_on_disk: bool, log: Callable[[str], None]
-    ) -> None:
+    def __init__(self, hub: Hub, write_ahead: WriteAheadBuffer, *, ack_on_disk: bool) -> None:
         """Begin with nothing to say."""
         self._hub = hub
         self._write_ahead = write_ahead
         self._on_disk = ack_on_disk
-        self._log = log
         self._publications: list[Publication] = []
         self._answers: list[tuple[InboundMessage, ReplyOutcome, str]] = []
         self._attempted_ns = 0
@@ -187,14 +186,18 @@ class PublishQueue:
             self._write_ahead.rotate_segment(snapshot)
         except JournalFull as error:
             if not self.journal_full:
-                self._log(f"{error}. Intake has stopped; it goes on by itself when there is room.")
+                _LOGGER.error(  # noqa: TRY400 - an expected state, which the message explains
+                    "%s. Intake has stopped; it goes on by itself when there is room.",
+                    error,
+                    extra={"code": "journal_full"},
+                )
             self.journal_full = f"the journal is full: {error}"
             self._hub.reject_all_messages(self.journal_full)
             return
         if self.journal_full:
             self.journal_full = ""
             self._hub.reject_all_messages(None)
-            self._log("there is room for the journal again: intake goes on")
+            _LOGGER.info("there is room for the journal again: intake goes on", extra={"code": "journal_has_room"})
         publications, self._publications = self._publications, []
         answers, self._answers = self._answers, []
         if publications:

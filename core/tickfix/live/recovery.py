@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 import time
 from collections.abc import Callable
@@ -34,6 +35,8 @@ from tickfix.registry import Registry
 from tickfix.version import __version__
 from tickfix.wire import decode_estimate, decode_event
 from tickfix.wire.engine_messages import decode_decision
+
+_LOGGER = logging.getLogger(__name__)
 
 _LOCK_TIMEOUT_S: Final = 3.0
 
@@ -201,14 +204,11 @@ def restore_snapshot(replica: Executor, record: JournalRecord) -> None:
         raise EngineError(f"the journal's snapshot (record {record.number}) cannot be used: {error}") from error
 
 
-def resume_if_requested(
-    options: ServeOptions, replica: Executor, heartbeat: WatchdogHeartbeat, log: Callable[[str], None]
-) -> ResumedRun | None:
+def resume_if_requested(options: ServeOptions, replica: Executor, heartbeat: WatchdogHeartbeat) -> ResumedRun | None:
     """Bring a replica to where the journal's newest run stood, if the order is to go on with it.
 
     Args:
         heartbeat: gets signs of life.
-        log: told what of the journal is damaged.
 
     Raises:
         EngineError, JournalError: when there is nothing to go on from.
@@ -219,7 +219,7 @@ def resume_if_requested(
         raise EngineError("--resume needs --journal DIR: the journal is what a run goes on from")
     resumed = resume_run(options.journal, replica, heartbeat.beat)
     for damage in resumed.damage:
-        log(f"journal: {damage}")
+        _LOGGER.warning("journal: %s", damage, extra={"code": "journal_damaged"})
     return resumed
 
 

@@ -6,8 +6,9 @@ to which tick, which device has expired. They depend on time, so the journal has
 
 from __future__ import annotations
 
+import logging
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from tickfix.api import Event, PluginError, Scan, Truth
@@ -21,6 +22,8 @@ from tickfix.ports import Clock, Hub, InboundMessage
 from tickfix.ports.inbound_queue import InboundItem
 from tickfix.wire import Bye, Hello, ReplyOutcome, encode_event
 from tickfix.wire.engine_messages import DropScan, RunDevice
+
+_LOGGER = logging.getLogger(__name__)
 
 _IDLE_S: Final = 0.25
 _MAX_MESSAGES_PER_ROUND: Final = 2_000
@@ -41,7 +44,6 @@ class SensorSource:
         scan_locator: locates scans beside the loop, and wakes the hub when one is done.
         settings: the table ``[live]``.
         clock: monotonic.
-        log: gets one sentence about anything an operator must know.
 
     Attributes:
         deferred: messages answered ``busy`` because data that their device sent before has to be folded first.
@@ -55,7 +57,6 @@ class SensorSource:
         settings: LiveSettings,
         *,
         clock: Clock | None = None,
-        log: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Begin with nothing received."""
         self._hub = hub
@@ -63,7 +64,6 @@ class SensorSource:
         self._round_spacing_ns = round(settings.round_ms * 1e6)
         self._expire_ns = round(settings.expire_s * 1e9)
         self._clock = Clock() if clock is None else clock
-        self._log = log
         self._round_ns = 0
         self._expiry_checked_ns = 0
         self.deferred = 0
@@ -97,7 +97,13 @@ class SensorSource:
             raise
         except Exception as error:  # noqa: BLE001 - see above
             self.errors += 1
-            self._log(f"a message of {item.event.device!r} could not be taken in: {type(error).__name__}: {error}")
+            _LOGGER.error(  # noqa: TRY400 - a sender can cause these at will: one line each
+                "a message of %r could not be taken in: %s: %s",
+                item.event.device,
+                type(error).__name__,
+                error,
+                extra={"code": "message_failed", "device": item.event.device},
+            )
             self._hub.answer(item, ReplyOutcome.MALFORMED, f"{type(error).__name__}: {error}")
 
     def refuse(self, item: InboundMessage, reason: str) -> None:

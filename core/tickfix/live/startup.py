@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -38,6 +39,8 @@ from tickfix.site import load_site
 
 _FULL_EVERY: Final = 1_000
 """Collections of the middle generation between full ones; by default 10."""
+
+_LOGGER = logging.getLogger(__name__)
 
 
 def require_serving_platform() -> None:
@@ -82,14 +85,12 @@ def build_executor(
     pipelines: Sequence[Pipeline],
     settings: KernelSettings,
     heartbeat: WatchdogHeartbeat,
-    log: Callable[[str], None],
     observers: Observers | None = None,
 ) -> Executor:
     """Return who folds: workers, forked from this process, which must have no other thread yet; or this process.
 
     Args:
         heartbeat: gets signs of life, of each worker its own.
-        log: told, in a sentence, of a device that was lost.
     """
 
     def replica(own: WatchdogHeartbeat) -> Replica:
@@ -97,7 +98,7 @@ def build_executor(
             with_fingerprint_cache(pipelines),
             settings,
             on_call=own.enter_stage,
-            on_failure=_failure_logger(log),
+            on_failure=_log_quarantine,
             report_fixes=observers is not None and observers.wants("tickfix_fixes"),
             report_faults=observers is not None and observers.wants("tickfix_faults"),
         )
@@ -121,14 +122,14 @@ def build_scan_locator(replica: Executor, live: LiveSettings, wake: Callable[[],
     )
 
 
-def _failure_logger(log: Callable[[str], None]) -> Callable[[StageFailure], None]:
-    """Return what tells of a device that was lost; failures of stages are counted, and told with each estimate."""
-
-    def log_failure(failure: StageFailure) -> None:
-        if failure.stage == QUARANTINED:
-            log(f"a device had to be abandoned, please report this: {failure.detail}")
-
-    return log_failure
+def _log_quarantine(failure: StageFailure) -> None:
+    """Log that a device was abandoned; failures of stages are counted, and are part of the estimates."""
+    if failure.stage == QUARANTINED:
+        _LOGGER.error(
+            "a device had to be abandoned, please report this: %s",
+            failure.detail,
+            extra={"code": "device_quarantined"},
+        )
 
 
 @contextmanager
@@ -149,7 +150,6 @@ def serve(  # noqa: PLR0915 - the wiring, in the order in which it happens
     heartbeat: WatchdogHeartbeat,
     *,
     on_started: Callable[[str, PortAddresses], None],
-    log: Callable[[str], None],
     on_ended: Callable[[Engine], None] = lambda _: None,
     control: Callable[[Engine], None] = lambda _: None,
 ) -> None:
@@ -158,7 +158,6 @@ def serve(  # noqa: PLR0915 - the wiring, in the order in which it happens
     Args:
         heartbeat: gets signs of life.
         on_started: told the run and the addresses once the ports are open.
-        log: told, in a sentence, what an operator must know.
         on_ended: told the engine when it has ended in order.
         control: told the engine before it begins, so that a signal can stop it.
 
@@ -174,8 +173,8 @@ def serve(  # noqa: PLR0915 - the wiring, in the order in which it happens
     if live.primary and live.primary not in names and live.primary not in left_out:
         raise EngineError(f"live.primary: found {live.primary!r}, expected one of {', '.join(names)}")
     heartbeat.register_stages(pipelines)
-    replica = build_executor(live, pipelines, options.config.kernel, heartbeat, log, registry.observers)
-    resumed = resume_if_requested(options, replica, heartbeat, log)
+    replica = build_executor(live, pipelines, options.config.kernel, heartbeat, registry.observers)
+    resumed = resume_if_requested(options, replica, heartbeat)
     run, shown = run_ids(resumed)
     notes = [f"pipeline {name} is left out: {why}" for name, why in left_out.items()]
     status = EngineStatus(static_status(options.config, registry, shown, site.name, names, left_out, notes))
@@ -201,9 +200,9 @@ def serve(  # noqa: PLR0915 - the wiring, in the order in which it happens
         if options.follow:
             if isinstance(replica, WorkerPool):
                 replica.scan_locator(hub.wake)  # locates nothing here, but learns when a worker dies
-            source = FollowSource(Leader(options.follow, _follow_keys(options.follow_key)), hub, log=log)
+            source = FollowSource(Leader(options.follow, _follow_keys(options.follow_key)), hub)
         else:
-            source = SensorSource(hub, build_scan_locator(replica, live, hub.wake), live, log=log)
+            source = SensorSource(hub, build_scan_locator(replica, live, hub.wake), live)
         engine = Engine(
             source,
             observed if observers else replica,
@@ -214,7 +213,6 @@ def serve(  # noqa: PLR0915 - the wiring, in the order in which it happens
             names=names,
             status=status,
             beat=after_round,
-            log=log,
             on_overrun=observed.overrun,
         )
         engine.recover()

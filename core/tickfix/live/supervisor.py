@@ -7,11 +7,11 @@ served once is never given up: it is started again after pauses that grow, until
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
 import time
-import traceback
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -21,6 +21,8 @@ from typing import Final
 from tickfix.live.heartbeat import StallDetector, WatchdogHeartbeat, die_with_parent
 from tickfix.live.protocol import EngineError
 from tickfix.live.serve_options import ServeOptions
+
+_LOGGER = logging.getLogger(__name__)
 
 _POLL_S: Final = 0.05
 EXIT_FINAL: Final = 3
@@ -87,7 +89,6 @@ def supervise(
     engine: Callable[[ServeOptions, WatchdogHeartbeat], int],
     *,
     stall_s: float,
-    log: Callable[[str], None],
 ) -> int:
     """Run an engine in a child, and another one whenever it hangs or breaks; return its exit code.
 
@@ -98,7 +99,6 @@ def supervise(
         options: what to serve.
         engine: runs in the child until it is told to stop, by SIGTERM for one; returns the exit code.
         stall_s: no sign of life for so long is a hang.
-        log: told, in a sentence, what an operator must know.
 
     Raises:
         EngineError: when one engine after the other dies and none has ever served.
@@ -123,7 +123,7 @@ def supervise(
                 return code
             if not history.served and len(history.deaths) > _MAX_FAILED_STARTS:
                 raise EngineError(f"the engine died {len(history.deaths)} times before it ever served; giving up")
-            options = _next_options(options, child, heartbeat, history, stall_s, code, log)
+            options = _next_options(options, child, heartbeat, history, stall_s, code)
             until_s = time.monotonic() + history.backoff_s
             while time.monotonic() < until_s:
                 if stopping:
@@ -143,7 +143,6 @@ def _next_options(
     history: _EngineHistory,
     stall_s: float,
     code: int,
-    log: Callable[[str], None],
 ) -> ServeOptions:
     """Say what happened and return what to serve next."""
     stage = heartbeat.stage
@@ -179,7 +178,7 @@ def _next_options(
             found.append(f"with {stage[1]} all the same: no pipeline would be left without it")
     if history.backoff_s:
         found.append(f"in {history.backoff_s:g} s")
-    log(f"{found[0]}; {', '.join(found[1:])}")
+    _LOGGER.error("%s; %s", found[0], ", ".join(found[1:]), extra={"code": "engine_restarted"})
     return replace(options, resume=resumes, disabled=disabled)
 
 
@@ -200,8 +199,8 @@ def _start_engine(
             signal.signal(number, signal.SIG_DFL)
         die_with_parent(ours)
         code = engine(options, heartbeat)
-    except Exception:  # noqa: BLE001 - this process ends here, and the supervisor starts another
-        traceback.print_exc()
+    except Exception:
+        _LOGGER.critical("the engine crashed", exc_info=True, extra={"code": "engine_crashed"})
     finally:
         sys.stdout.flush()
         sys.stderr.flush()

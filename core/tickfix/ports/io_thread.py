@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
@@ -18,6 +19,8 @@ from tickfix.ports.port_settings import Clock
 from tickfix.ports.publishers import FollowPort, PositionsPort
 from tickfix.ports.sensors_port import SensorsPort
 from tickfix.ports.sockets import PortSockets
+
+_LOGGER = logging.getLogger(__name__)
 
 _WAKE_READ_BYTES = 4_096
 
@@ -215,6 +218,9 @@ class IoLoop:
     def _run_guarded(self, serve: Callable[[], Any]) -> Any:
         try:
             return serve()
-        except Exception as problem:  # noqa: BLE001 - one port's error must not close the others; it is counted
-            self.errors[f"{type(problem).__name__}: {problem}"[:200]] += 1
+        except Exception as problem:
+            error = f"{type(problem).__name__}: {problem}"[:200]
+            if not self.errors[error]:
+                _LOGGER.exception("a port failed, please report this", extra={"code": "port_failed"})
+            self.errors[error] += 1
             return None

@@ -52,10 +52,9 @@ class Rounds:
         ports = PortSettings(sensors=ANY, positions=ANY, control=ANY, follow="")
         self.hub = Hub(ports, run="r", site="s", describe=lambda _, __: {})
         self.hub.start()
-        self.told: list[str] = []
         self.locator = LocatorThreads(self.replica.kernel.fingerprint_requests, self.hub.wake)
         self.status = EngineStatus(STATIC, clock)
-        self.source = SensorSource(self.hub, self.locator, LiveSettings(), log=self.told.append)
+        self.source = SensorSource(self.hub, self.locator, LiveSettings())
         self.engine = Engine(
             self.source,
             self.replica,
@@ -65,7 +64,6 @@ class Rounds:
             site="s",
             names=["k"],
             status=self.status,
-            log=self.told.append,
         )
         self._peer = Peer(PeerState("p", None, PeerLimits(), 0), b"nobody", delimited=False)
 
@@ -151,11 +149,19 @@ def test_more_scans_than_can_wait_are_put_off(rounds: Rounds) -> None:
     assert rounds.outcomes == {"busy": 399 - 256}
 
 
-def test_a_message_that_cannot_be_written_down_is_answered_and_ends_nothing(rounds: Rounds) -> None:
+def test_a_message_that_cannot_be_written_down_is_answered_and_ends_nothing(
+    rounds: Rounds, caplog: pytest.LogCaptureFixture
+) -> None:
     rounds.round(Pressure(t_ns=2**70, pressure_hpa=1.0, device="d"), motion("good", [1.0]))
     rounds.round(motion("good", [1.2]))
     assert rounds.outcomes == {"accepted": 2, "malformed": 1}
-    assert "could not be taken in: WireError" in rounds.told[0]
+    (record,) = caplog.records
+    assert "could not be taken in: WireError" in record.getMessage()
+    assert (record.name, vars(record)["code"], vars(record)["device"]) == (
+        "tickfix.live.sensor_source",
+        "message_failed",
+        "d",
+    )
     assert rounds.engine.report()["errors"] == 1
 
 
