@@ -112,6 +112,10 @@ class Control:
         """Return the devices followed."""
         return self.request("devices")
 
+    def metrics(self) -> Any:
+        """Return counters and durations in the text format of Prometheus."""
+        return self.request("metrics")
+
     def pipelines(self) -> Any:
         """Return the pipelines and their stages."""
         return self.request("pipelines")

@@ -17,8 +17,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from prometheus_client import CollectorRegistry
+
 from tickfix.api import Event, Truth
-from tickfix.live.engine_status import LOOP_QUERIES, DurationHistogram, EngineStatus
+from tickfix.live.engine_status import LOOP_QUERIES, EngineStatus
+from tickfix.live.metrics import DurationHistogram, EngineCollector
 from tickfix.live.protocol import Executor, FeedEvent, OverrunError, ReplicaStep, ReplicaStepResult
 from tickfix.live.publisher import EstimatePublisher, PublishQueue, WriteAheadBuffer
 from tickfix.live.scheduler import Deadlines, DeviceSchedule, OverloadDetector
@@ -109,6 +112,7 @@ class Engine:
 
     Attributes:
         schedule: the devices, their progress, deadlines and backlogs.
+        metrics: counters and durations for Prometheus; to be collected on the thread that runs :meth:`serve`.
     """
 
     def __init__(
@@ -150,6 +154,12 @@ class Engine:
         self._rounds = 0
         self._expired = 0
         self._round_duration = DurationHistogram()
+        self.metrics = CollectorRegistry()
+        self.metrics.register(
+            EngineCollector(
+                self.report, {"tick_latency": self._publisher.latency, "round_duration": self._round_duration}
+            )
+        )
 
     def serve(self) -> None:
         """Run until stopped by :meth:`stop` or over the control port.

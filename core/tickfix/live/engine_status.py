@@ -1,64 +1,21 @@
-"""What an engine reports of itself on the control port, and the histogram in which it keeps durations."""
+"""What an engine reports of itself on the control port, collected when it is asked for."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol
+
+from prometheus_client import CollectorRegistry, generate_latest
 
 from tickfix.config import Config
 from tickfix.ports import ASK_LOOP, Clock, Hub
 from tickfix.registry import Registry
 from tickfix.version import __version__
 
-_PER_DECADE: Final = 40
-_SMALLEST_MS: Final = 1e-3
-_BUCKETS: Final = 11 * _PER_DECADE + 2
-
-
-class DurationHistogram:
-    """Counts durations in buckets that grow by 6 %, from a microsecond to a day; quantiles are as exact as that."""
-
-    __slots__ = ("_buckets", "count", "max_ms")
-
-    def __init__(self) -> None:
-        """Begin empty."""
-        self._buckets = [0] * _BUCKETS
-        self.count = 0
-        self.max_ms = 0.0
-
-    def add(self, ms: float) -> None:
-        """Count a duration; one below zero counts as zero."""
-        place = 0 if ms < _SMALLEST_MS else 1 + int(math.log10(ms / _SMALLEST_MS) * _PER_DECADE)
-        self._buckets[min(place, _BUCKETS - 1)] += 1
-        self.count += 1
-        self.max_ms = max(self.max_ms, ms)
-
-    def quantile_ms(self, q: float) -> float:
-        """Return the upper end of the bucket in which the quantile lies, at most the greatest; 0 when empty."""
-        wanted, seen = q * self.count, 0
-        for place, n in enumerate(self._buckets):
-            seen += n
-            if n and seen >= wanted and place == _BUCKETS - 1:
-                return self.max_ms
-            if n and seen >= wanted:
-                return min(self.max_ms, _SMALLEST_MS * 10 ** (place / _PER_DECADE))
-        return 0.0
-
-    def summary(self) -> dict[str, float]:
-        """Return p50, p99 and max in milliseconds, and the count."""
-        return {
-            "p50": self.quantile_ms(0.5),
-            "p99": self.quantile_ms(0.99),
-            "max": self.max_ms,
-            "count": self.count,
-        }
-
-
 _MAX_AGE_NS: Final = 200_000_000
 _STALE_S: Final = 2.0
 _MAX_DEVICES: Final = 10_000
-LOOP_QUERIES: Final = frozenset({"status", "counters", "devices"})
+LOOP_QUERIES: Final = frozenset({"status", "counters", "devices", "metrics"})
 """Queries whose answers need the loop."""
 
 
@@ -71,6 +28,10 @@ class StatusSource(Protocol):
 
     def report(self) -> dict[str, Any]:
         """Return counters and durations as plain values."""
+
+    @property
+    def metrics(self) -> CollectorRegistry:
+        """Counters and durations, as metrics; to be collected on the loop's thread."""
 
     def devices(self, most: int) -> tuple[dict[str, Any], ...]:
         """Return how far each device has come, at most ``most`` of them."""
@@ -132,10 +93,10 @@ class EngineStatus:
         self._static_status = static_status
         self._clock = Clock() if clock is None else clock
         self._started_ns = self._clock.monotonic_ns()
-        # Each of these is replaced as a whole, so that the port's thread always reads values of one instant.
+        # Values are replaced as a whole, with the time of their collection, so that the port's thread always reads
+        # values of one instant.
         self._last_round: tuple[int, str | None] | None = None
-        self._report: tuple[int, Mapping[str, Any]] = (0, {})
-        self._devices: tuple[int, Sequence[Mapping[str, Any]]] = (0, ())
+        self._collected: dict[str, tuple[int, Any]] = {"report": (0, {}), "devices": (0, ()), "metrics": (0, "")}
         self.hub: Hub | None = None
 
     def round_ended(self, engine: StatusSource) -> None:
@@ -144,12 +105,16 @@ class EngineStatus:
 
     def answer(self, what: str, engine: StatusSource) -> Any:
         """Answer a query that was left to the loop; called by the loop."""
-        now_ns = self._clock.monotonic_ns()
-        if what == "devices" and not self._is_recent(self._devices[0], now_ns):
-            self._devices = now_ns, engine.devices(_MAX_DEVICES)
-        elif what != "devices" and not self._is_recent(self._report[0], now_ns):
-            self._report = now_ns, engine.report()
-        return self._cached(what)
+        now_ns, part = self._clock.monotonic_ns(), _part(what)
+        if not self._is_recent(part, now_ns):
+            if part == "report":
+                value: Any = engine.report()
+            elif part == "devices":
+                value = engine.devices(_MAX_DEVICES)
+            else:
+                value = generate_latest(engine.metrics).decode()
+            self._collected[part] = now_ns, value
+        return self._last(what)
 
     def describe(self, what: str, args: Mapping[str, Any]) -> Any:
         """Answer a query at once, from any thread; :data:`~tickfix.ports.ASK_LOOP` where the loop has to.
@@ -161,20 +126,24 @@ class EngineStatus:
         if what == "health":
             return self._health()
         if what in LOOP_QUERIES:
-            collected_ns = (self._devices if what == "devices" else self._report)[0]
-            recent = self._is_recent(collected_ns, self._clock.monotonic_ns())
-            return self._cached(what) if recent or self._loop_age_s > _STALE_S else ASK_LOOP
+            recent = self._is_recent(_part(what), self._clock.monotonic_ns())
+            return self._last(what) if recent or self._loop_age_s > _STALE_S else ASK_LOOP
         if what in ("pipelines", "plugins", "configuration"):
             return self._static_status[what]
-        raise ValueError(f"what: found {what!r}, expected status, health, counters, devices, pipelines or plugins")
+        raise ValueError(
+            f"what: found {what!r}, expected status, health, counters, devices, metrics, pipelines or plugins"
+        )
 
-    def _cached(self, what: str) -> Any:
-        if what == "devices":
-            return list(self._devices[1])
-        return self._status() if what == "status" else {"engine": dict(self._report[1]), "ports": self._ports()}
+    def _last(self, what: str) -> Any:
+        if what == "status":
+            return self._status()
+        _, value = self._collected[_part(what)]
+        if what == "counters":
+            return {"engine": dict(value), "ports": self._ports()}
+        return list(value) if what == "devices" else value
 
-    @staticmethod
-    def _is_recent(collected_ns: int, now_ns: int) -> bool:
+    def _is_recent(self, part: str, now_ns: int) -> bool:
+        collected_ns, _ = self._collected[part]
         return collected_ns > 0 and now_ns - collected_ns < _MAX_AGE_NS
 
     @property
@@ -184,7 +153,7 @@ class EngineStatus:
         return 0.0 if last is None else (self._clock.monotonic_ns() - last[0]) * 1e-9
 
     def _status(self) -> dict[str, Any]:
-        ports, state = self._ports(), dict(self._report[1])
+        ports, state = self._ports(), dict(self._collected["report"][1])
         primary = state.pop("primary", "")
         failures = state.get("failures", {})
         return {
@@ -214,3 +183,8 @@ class EngineStatus:
 
     def _ports(self) -> dict[str, Any]:
         return {} if self.hub is None else self.hub.counters()
+
+
+def _part(what: str) -> str:
+    """Return which of the collected values answers a query."""
+    return what if what in ("devices", "metrics") else "report"

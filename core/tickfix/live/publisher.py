@@ -12,8 +12,8 @@ from typing import Final
 
 from tickfix.api import TICK_NS, Event
 from tickfix.journal import JournalFull, JournalOutOfDescriptors, JournalWriter, RecordKind
-from tickfix.live.engine_status import DurationHistogram
 from tickfix.live.live_comparison import LiveComparison
+from tickfix.live.metrics import DurationHistogram
 from tickfix.live.protocol import EncodedEstimate, Executor
 from tickfix.live.serve_options import LiveSettings
 from tickfix.ports import Clock, Hub, InboundMessage, Publication

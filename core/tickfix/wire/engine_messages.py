@@ -107,6 +107,7 @@ CONTROL_REQUESTS: Final = (
     "health",
     "counters",
     "devices",
+    "metrics",
     "pipelines",
     "plugins",
     "configuration",

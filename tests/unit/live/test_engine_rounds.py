@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from prometheus_client.parser import text_string_to_metric_families
 
 from tickfix import config
 from tickfix.api import Context, Event, MotionSamples, Pressure, Samples, Scan
@@ -228,3 +229,23 @@ def test_a_loop_that_hangs_is_reported_and_its_last_status_is_answered() -> None
     with pytest.raises(ValueError, match="what: found 'weather'"):
         rounds.ask("weather")
     rounds.close()
+
+
+def test_metrics_show_the_numbers_of_the_status(rounds: Rounds) -> None:
+    for n in range(12):
+        rounds.round(motion("d", [1.0 + n / 5]))
+    status, text = rounds.ask("status"), rounds.ask("metrics")
+    found = {
+        sample.name: sample
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+        if sample.labels in ({}, {"outcome": "accepted"})
+    }
+    assert found["tickfix_ticks_total"].value == status["ticks"] > 5
+    assert found["tickfix_rounds_total"].value >= status["rounds"]
+    assert found["tickfix_devices"].value == 1
+    assert found["tickfix_tick_latency_seconds_count"].value == status["tick_latency_ms"]["count"] == status["ticks"]
+    assert found["tickfix_tick_latency_seconds_sum"].value > 0
+    assert found["tickfix_overloaded"].value == 0
+    accepted = found["tickfix_measurements_total"]
+    assert (accepted.labels, accepted.value) == ({"outcome": "accepted"}, status["measurements"]["accepted"])

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tickfix.live.engine_status import DurationHistogram
+from tickfix.live.metrics import DurationHistogram
 from tickfix.live.scheduler import OverloadDetector
 
 S = 1_000_000_000
@@ -29,6 +29,18 @@ def test_an_empty_histogram_and_durations_out_of_range_are_no_error() -> None:
     histogram.add(1e30)
     assert histogram.summary()["count"] == 2
     assert histogram.summary()["max"] == 1e30
+
+
+def test_cumulative_counts_end_at_bounds_of_buckets_and_leave_nothing_out() -> None:
+    histogram = DurationHistogram()
+    for ms in (0.05, 0.9, 1.5, 3.0, 3.0, 700.0, 20_000.0):
+        histogram.add(ms)
+    found = dict(histogram.cumulative())
+    assert [round(bound_ms, 3) for bound_ms in list(found)[:4]] == [0.1, 0.2, 0.501, 1.0]
+    assert [n for bound_ms, n in found.items() if bound_ms in (min(found), max(found))] == [1, 6]
+    for bound_ms, n in found.items():
+        assert n == sum(ms <= bound_ms for ms in (0.05, 0.9, 1.5, 3.0, 3.0, 700.0, 20_000.0))
+    assert histogram.sum_ms == 0.05 + 0.9 + 1.5 + 3.0 + 3.0 + 700.0 + 20_000.0
 
 
 def test_a_hiccup_is_no_overload_and_a_pause_no_recovery() -> None:
