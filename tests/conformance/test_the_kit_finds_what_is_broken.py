@@ -18,6 +18,7 @@ from tickfix.api import (
     BaseMap,
     BasePdr,
     Belief,
+    Context,
     Fix,
     Motion,
     NoParams,
@@ -40,6 +41,7 @@ from tickfix.testing import (
     PdrContract,
     world,
 )
+from tickfix.testing.filter_batches import check_step_many
 from tickfix.testing.world import ReferenceMap
 
 
@@ -212,6 +214,17 @@ def test_a_good_filter_for_many_devices_passes_too() -> None:
 def _swayed(stepped: list[Any]) -> list[Any]:
     """Let each device be moved by a rounding that depends on how many there are."""
     return [(replace(state, xy=state.xy + len(stepped) * 1e-15), report) for state, report in stepped]
+
+
+def test_a_batch_may_differ_within_its_declared_tolerance_and_no_further() -> None:
+    def loose(tolerance: float) -> None:
+        check_step_many(changed(many(_swayed), batch_tolerance=tolerance)(Good.Params(), Context(), None), ticks=5)
+
+    loose(1e-9)
+    with pytest.raises(ContractError, match="batch_tolerance = 1e-20"):
+        loose(1e-20)
+    with pytest.raises(ContractError, match=r"batch_tolerance is 2\.0"):
+        loose(2.0)
 
 
 def _write(_: Any, moved: Any, state: Any, rng: Any) -> Any:

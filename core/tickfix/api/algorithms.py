@@ -247,9 +247,16 @@ class StatelessFingerprint(BaseFingerprint[P]):
 
 
 class BaseFilter(_AlgorithmBase[P]):
-    """Base of filters."""
+    """Base of filters.
+
+    Attributes:
+        batch_tolerance: by how much numbers of ``step_many`` and ``estimate_many`` may differ from those of each device
+            alone, relative to the larger of 1 and the number; 0 means bit for bit. Above 0, matrix products and GPUs
+            may be used, but runs repeat only within it; ``tickfix plugins show`` and the journal's manifest show it.
+    """
 
     kind = "filter"
+    batch_tolerance: ClassVar[float] = 0.0
     State: ClassVar[type[Any]]
 
     @abstractmethod

@@ -76,6 +76,7 @@ def show(
     if as_json:
         described = _offer_json(offer) | {
             "doc": _doc(offer),
+            "batch_tolerance": _batch_tolerance(offer),
             "parameters": [_parameter_json(field) for field in fields],
             "presets": {
                 name: {"source": preset.source, "values": msgspec.to_builtins(dict(preset.values))}
@@ -95,6 +96,8 @@ def show(
         _print_fields(console, fields)
     elif offer.kind in ("pdr", "fingerprint", "filter", "map"):
         console.print("\nIt has no parameters.")
+    if tolerance := _batch_tolerance(offer):
+        console.print(f"\nBatches: equal to one device at a time within {tolerance:g}, not bit for bit.")
     for name, preset in presets.items():
         values = ", ".join(f"{key} = {_toml_value(value)}" for key, value in preset.values.items())
         console.print(f"\nPreset {name!r}, {preset.source}: {values}", soft_wrap=True)
@@ -141,6 +144,10 @@ def _source_json(one: DeclaredSource) -> dict[str, Any]:
         "distribution": one.distribution,
         "version": one.version,
     }
+
+
+def _batch_tolerance(offer: Offer) -> float:
+    return float(getattr(offer.cls, "batch_tolerance", 0.0))
 
 
 def _origin(offer: Offer | DeclaredSource) -> str:

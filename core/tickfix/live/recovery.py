@@ -71,8 +71,17 @@ def new_manifest(options: ServeOptions, registry: Registry, run: str, before: Ru
             "boot": str(1 if before is None else boot_number(before) + 1),
             "pipelines": ",".join(p.name for p in options.config.pipelines),
             "disabled": "\n".join(f"{key}\t{why}" for key, why in sorted(options.disabled.items())),
-        },
+        }
+        | _tolerance_note(options),
     )
+
+
+def _tolerance_note(options: ServeOptions) -> dict[str, str]:
+    """Return a note of the filters whose batches are equal to single steps within a tolerance only, if any."""
+    filters = {p.filter.offer.label: p.filter.offer.cls for p in options.config.pipelines}
+    tolerances = {label: float(getattr(cls, "batch_tolerance", 0.0)) for label, cls in sorted(filters.items())}
+    within = ",".join(f"{label}={tolerance:g}" for label, tolerance in tolerances.items() if tolerance)
+    return {"batch_tolerance": within} if within else {}
 
 
 def newest_manifest(folder: Path) -> RunManifest:

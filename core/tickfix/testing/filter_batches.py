@@ -4,8 +4,11 @@ devices that differ in all that can differ."""
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
+
+import numpy as np
 
 from tickfix.api import Belief, Motion, Observation, Prior, Report, Rng, pack
 from tickfix.testing import world
@@ -58,6 +61,8 @@ def check_step_many(algorithm: Any, ticks: int) -> None:
     walks = device_inputs(ticks)
     fixes = [world.first_fix((0.5 * d, 0.25 * d)) for d in range(N_DEVICES)]
     states = [algorithm.start(Prior(t_ns=fix.t_ns, fix=fix), _rng(d, 0)) for d, fix in enumerate(fixes)]
+    tolerance = float(getattr(algorithm, "batch_tolerance", 0.0))
+    require(0.0 <= tolerance < 1.0, f"batch_tolerance is {tolerance}. Set it to 0 (bit for bit) or a small number")
     for k in range(ticks):
         given = [walk[k] for walk in walks]
         before = [pack(state) for state in states]
@@ -69,9 +74,9 @@ def check_step_many(algorithm: Any, ticks: int) -> None:
                 beliefs = _checked_estimate_many(algorithm, [state for state, _ in stepped])
                 for d, (state, report), belief in zip(group, stepped, beliefs, strict=True):
                     where = f"of device {d} of {N_DEVICES}, asked for {how}, at tick {k + 1}"
-                    _require_same_bits("step_many", "state", state, one_by_one[d][0], where)
-                    _require_same_bits("step_many", "report", report, one_by_one[d][1], where)
-                    _require_same_bits("estimate_many", "belief", belief, believed[d], where)
+                    _require_same("step_many", "state", state, one_by_one[d][0], where, tolerance)
+                    _require_same("step_many", "report", report, one_by_one[d][1], where, tolerance)
+                    _require_same("estimate_many", "belief", belief, believed[d], where, tolerance)
         unchanged = [pack(state) for state in states] == before
         require(unchanged, "step_many changed a state it was given. Write into copies, return new states")
         states = [state for state, _ in one_by_one]
@@ -106,8 +111,33 @@ def _packed(value: Any) -> bytes:
     return pack(tuple(sorted(value.items())) if isinstance(value, Mapping) else value)
 
 
-def _require_same_bits(method: str, what: str, found: Any, expected: Any, where: str) -> None:
-    """Fail unless two values have the same bits, naming the fields that differ."""
+def _is_close(found: Any, expected: Any, tolerance: float) -> bool:
+    """Tell whether all numbers within two values agree within ``tolerance``, and all else is equal."""
+    if isinstance(expected, np.ndarray):
+        alike = isinstance(found, np.ndarray) and found.shape == expected.shape and found.dtype == expected.dtype
+        return alike and bool(np.allclose(found, expected, rtol=tolerance, atol=tolerance, equal_nan=True))
+    if isinstance(expected, float):
+        return isinstance(found, float) and math.isclose(found, expected, rel_tol=tolerance, abs_tol=tolerance)
+    if isinstance(expected, Mapping):
+        return list(found) == list(expected) and all(_is_close(found[k], expected[k], tolerance) for k in expected)
+    if isinstance(expected, tuple):
+        pairs = zip(found, expected, strict=False)
+        return len(found) == len(expected) and all(_is_close(one, other, tolerance) for one, other in pairs)
+    if dataclasses.is_dataclass(expected) and type(found) is type(expected):
+        names = [f.name for f in dataclasses.fields(expected)]
+        return all(_is_close(getattr(found, name), getattr(expected, name), tolerance) for name in names)
+    return bool(found == expected)
+
+
+def _require_same(method: str, what: str, found: Any, expected: Any, where: str, tolerance: float) -> None:
+    """Fail unless two values have the same bits, or agree within a tolerance > 0; names the fields that differ."""
+    if tolerance > 0.0:
+        require(
+            _is_close(found, expected, tolerance),
+            f"{method} gave another {what} {where}, than {method.removesuffix('_many')} gives of it alone: they differ "
+            f"by more than batch_tolerance = {tolerance:g}. Raise it, or compute more precisely",
+        )
+        return
     same_type = type(found) is type(expected)
     fields = [f.name for f in dataclasses.fields(expected)] if same_type else []
     differ = [name for name in fields if _packed(getattr(found, name)) != _packed(getattr(expected, name))]
