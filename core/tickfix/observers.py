@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from types import ModuleType
 from typing import Any, Final
 
@@ -15,6 +16,8 @@ import pluggy
 from tickfix.api import EpochStart, Estimate, Fix, Overrun, Run, StageFault, hooks
 
 _REGISTRATION_HOOKS: Final = frozenset({hooks.tickfix_register.__name__, hooks.tickfix_sources.__name__})
+
+_LOGGER = logging.getLogger(__name__)
 
 OBSERVER_HOOKS: Final = tuple(
     name for name in vars(hooks) if name.startswith("tickfix_") and name not in _REGISTRATION_HOOKS
@@ -50,7 +53,7 @@ class Observers:
         Raises:
             pluggy.PluginValidationError: for a hook whose arguments are not among those specified.
         """
-        self._log = logging.getLogger(__name__).error if log is None else log
+        self._log = partial(_LOGGER.error, extra={"code": "observer_removed"}) if log is None else log
         # A manager for each: pluggy stops at the first plugin that raises, and would hide the call from the others.
         self._managers = {label: hook_manager(plugin, label) for label, plugin in (plugins or {}).items()}
         self._epochs: dict[str, int] = {}

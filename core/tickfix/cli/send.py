@@ -16,6 +16,7 @@ import typer
 
 from tickfix.api import ConfigError, ReaderError, Recording
 from tickfix.cli.console import print_json, progress, registry, stdout, warn_each
+from tickfix.cli.log_output import LogLevel, configure_logging
 from tickfix.cli.monitor import read_client_keys
 from tickfix.cli.survey import ConfigFile
 from tickfix.config import build_pipelines, load_config
@@ -132,6 +133,7 @@ def locate(
     ] = None,
 ) -> None:
     """Locate scans beside an engine, which then needs no fingerprint of its own: scans from it, fixes to it."""
+    configure_logging(None, LogLevel.INFO)
     plugins = registry()
     settings = load_config(config, plugins)
     chosen = settings.only([pipeline]).pipelines if pipeline else settings.pipelines
@@ -141,7 +143,7 @@ def locate(
         raise ConfigError("locate", "no pipeline with a fingerprint", "one that has one, chosen by --pipeline NAME")
     (built,) = build_pipelines(with_fingerprint[-1:], site_context(surveyed), surveyed.models)
     assert built.fingerprint is not None  # noqa: S101 - chosen for it
-    service = FixService(built.fingerprint, follow, to, keys=read_client_keys(key), log=_log)
+    service = FixService(built.fingerprint, follow, to, keys=read_client_keys(key))
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: service.stop())
     console = stdout()
@@ -149,7 +151,3 @@ def locate(
     sys.stdout.flush()
     service.serve()
     console.print(", ".join(f"{count} {what}" for what, count in sorted(service.counts.items())) or "no scans")
-
-
-def _log(text: str) -> None:
-    sys.stderr.write(f"tickfix: {text}\n")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter, OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -16,6 +16,8 @@ from tickfix.client.connection import connect_socket, open_client_socket
 from tickfix.kernel import Stage
 from tickfix.kernel.measurements import RecentScans
 from tickfix.wire import WireError, decode_event
+
+_LOGGER = logging.getLogger(__name__)
 
 _MAX_DEVICES: Final = 4_096
 _CLOCK_RESTART_NS: Final = 60_000_000_000
@@ -72,18 +74,14 @@ class FixService:
         follow: address of the engine's follow port.
         to: the engine's sensors port.
         keys: for both.
-        log: called with messages for the operator.
     """
 
-    def __init__(
-        self, stage: Stage, follow: str, to: str, *, keys: Keys | None = None, log: Callable[[str], None]
-    ) -> None:
+    def __init__(self, stage: Stage, follow: str, to: str, *, keys: Keys | None = None) -> None:
         """Connect; the engine need not be running yet."""
         self._locator = ScanLocator(stage)
         self._label = stage.label
         self._to = to
         self._keys = keys
-        self._log = log
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._context.set(zmq.MAX_SOCKETS, 4 * _MAX_DEVICES)
         self._sensors: OrderedDict[str, Sensor] = OrderedDict()
@@ -118,7 +116,7 @@ class FixService:
             event = decode_event(frames[-1])
         except (WireError, msgspec.MsgspecError) as error:
             self.counts["malformed"] += 1
-            self._log(f"a record that cannot be used: {error}")
+            _LOGGER.warning("a record that cannot be used: %s", error, extra={"code": "record_malformed"})
             return
         if not isinstance(event, Scan):
             return
@@ -127,7 +125,13 @@ class FixService:
             fix = self._locator.locate(event)
         except Exception as error:  # noqa: BLE001 - one scan that cannot be located must not keep others from it
             self.counts["failed"] += 1
-            self._log(f"{self._label}: {type(error).__name__}: {error}")
+            _LOGGER.warning(
+                "%s: %s: %s",
+                self._label,
+                type(error).__name__,
+                error,
+                extra={"code": "stage_failed", "device": event.device},
+            )
             return
         if fix is None:
             self.counts["no fix"] += 1
