@@ -107,7 +107,7 @@ class LiveComparison:
         self._scores = {name: _PipelineScore() for name in names}
 
     def estimates(self, published: Sequence[EncodedEstimate]) -> None:
-        """Take note of estimates that closed a tick, all pipelines' of it."""
+        """Record the estimates of all pipelines for ticks that closed."""
         by_tick: dict[tuple[str, int], dict[str, EncodedEstimate]] = {}
         for estimate in published:
             walk = self._walks.setdefault(estimate.device, _WalkState())
@@ -126,7 +126,7 @@ class LiveComparison:
                     self._scores[name].divergence.add(distance_m)
 
     def truth(self, truth: Truth) -> None:
-        """Score what was said last by then; a waypoint counts when every pipeline has said something."""
+        """Score the last estimates before a waypoint; it counts only if every pipeline has one."""
         walk = self._walks.get(truth.device)
         if walk is None:
             return

@@ -284,7 +284,7 @@ class PendingScans:
             self._scan_locator.submit(number, scan)
 
     def deferral_reason(self, device: str) -> str:
-        """Say why no more scans of a device can wait now, if so."""
+        """Return why no more scans of a device can wait now; empty if they can."""
         waiting = len(self._queues.get(device, ()))
         if waiting >= _MAX_SCANS_OF_DEVICE or len(self._waiting) >= _MAX_PENDING_SCANS:
             return f"{waiting} scans of this device, {len(self._waiting)} in all wait to be located"

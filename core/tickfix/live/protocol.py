@@ -34,13 +34,13 @@ class WorkerError(EngineError):
     kind: ClassVar[str] = "engine_worker"
 
     def __init__(self, text: str, signal: int = 0) -> None:
-        """Say how it ended."""
+        """Keep the text, and the signal."""
         super().__init__(text)
         self.signal = signal
 
 
 class OverrunError(EngineError):
-    """An engine that was told to end when it falls behind, and did."""
+    """An engine fell behind whose overrun policy is ``fail``."""
 
     kind: ClassVar[str] = "engine_overrun"
 
@@ -105,7 +105,7 @@ class ReplicaStepResult(msgspec.Struct, frozen=True, array_like=True):
     Attributes:
         outcome: of the event, or of the scan that a decision let in; None where there is none, or it waits.
         estimates: estimates in the order in which they are journaled: what was revised, then what closed a tick.
-        must_journal: whether a journal must have the decision: something was said, or settled.
+        must_journal: whether the journal must have the decision: there are estimates, or ticks were settled.
         progress: how far the device has come; None for one that is not followed.
         fixes: encoded fixes of ticks that settled; empty unless a plugin observes them.
         faults: calls of stages that failed, as stage, error and detail; empty unless a plugin observes them.
@@ -141,10 +141,10 @@ class Executor(Protocol):
         """Scans that no decision has spoken of yet, by the number of their record."""
 
     def apply(self, steps: Sequence[ReplicaStep]) -> list[ReplicaStepResult]:
-        """Do the steps in their order and return what came of each."""
+        """Apply the steps in order and return the result of each."""
 
     def is_duplicate(self, event: Event) -> bool:
-        """Tell whether the event would be a duplicate by its number, without taking note of it."""
+        """Tell whether the event would be a duplicate by its number; changes nothing."""
 
     def progress_by_device(self) -> Mapping[str, DeviceProgress]:
         """Return how far each device has come."""
@@ -186,7 +186,7 @@ WorkerStep: TypeAlias = EncodedEvent | EncodedDecision | ForgetDevice
 
 
 class ApplySteps(msgspec.Struct, frozen=True, array_like=True, tag=0):
-    """Do this in its order; the answer is a list of what came of each, but for what is forgotten."""
+    """Apply these in order; the answer is a list with the result of each, except of :class:`ForgetDevice`."""
 
     entries: list[WorkerStep]
 
@@ -206,7 +206,7 @@ class TakeSnapshot(msgspec.Struct, frozen=True, array_like=True, tag=3):
 
 
 class RestoreSnapshot(msgspec.Struct, frozen=True, array_like=True, tag=4):
-    """Become what this snapshot says; the answer is a :class:`RestoreResult`."""
+    """Restore this snapshot; the answer is a :class:`RestoreResult`."""
 
     snapshot: bytes
 

@@ -27,7 +27,7 @@ _RETRY_ROUNDS: Final = 200
 
 
 class WriteAheadBuffer:
-    """Numbers and keeps events, decisions and estimates; nothing is said to anyone before :meth:`commit`.
+    """Numbers and buffers events, decisions and estimates until :meth:`commit` writes them to the journal.
 
     Args:
         journal: None keeps nothing, and only numbers.
@@ -47,27 +47,27 @@ class WriteAheadBuffer:
         self.problem = ""
 
     def event(self, event: Event, body: bytes) -> int:
-        """Write down an event, whose canonical bytes are ``body``, and return its number."""
+        """Append an event, whose canonical bytes are ``body``, and return its number."""
         number = self._append(RecordKind.EVENT, event.device, event.t_ns, body)
         self._follow_records.append((b"event", number, body))
         return number
 
     def decision(self, decision: Decision, device: str, t_ns: int) -> None:
-        """Write down a decision about a device."""
+        """Append a decision about a device; ``t_ns`` is on the device's clock."""
         payload = encode_decision(decision)
         number = self._append(RecordKind.DECISION, device, t_ns, payload)
         self._follow_records.append((b"decision", number, payload))
 
     def estimate(self, encoded: EncodedEstimate) -> None:
-        """Write down an estimate."""
+        """Append an estimate or a revision."""
         kind = RecordKind.REVISION if encoded.revision else RecordKind.ESTIMATE
         self._append(kind, encoded.device, encoded.t_ns, encoded.body)
 
     def commit(self) -> int:
-        """Make what was written down survive this process, show it to those who follow, and return the last number.
+        """Write what was appended, so that it survives this process; offer it to followers; return the last number.
 
         Raises:
-            JournalFull: when there is no room; what was written down waits for the next try.
+            JournalFull: when there is no room; what was appended waits for the next commit.
             JournalError: when the journal cannot be written.
         """
         if self._journal is not None:
@@ -112,7 +112,7 @@ class WriteAheadBuffer:
 
     @property
     def has_uncommitted(self) -> bool:
-        """Something was written down since the last commit."""
+        """Whether anything was appended since the last commit."""
         return bool(self._follow_records) or (self._journal is not None and self._journal.pending > 0)
 
     def status(self) -> dict[str, int | str]:
@@ -169,7 +169,7 @@ class PublishQueue:
         self._answers.append((item, outcome, detail))
 
     def flush(self, snapshot: Callable[[], bytes], now_ns: int) -> None:
-        """Commit, then say what waits.
+        """Commit, then publish and acknowledge what waits.
 
         Args:
             snapshot: makes the first record of a new segment, where the journal wants one.
@@ -224,7 +224,7 @@ class EstimatePublisher:
         clock: monotonic.
 
     Attributes:
-        ticks: closed and said by the primary pipeline.
+        ticks: closed by the primary pipeline.
         suppressed: estimates that the overrun policy did not publish.
         comparison: of all pipelines against the one that was primary at first.
         latency: of a tick's estimate behind the instant at which the tick could close.
@@ -241,7 +241,7 @@ class EstimatePublisher:
         names: Sequence[str],
         clock: Clock,
     ) -> None:
-        """Begin with nothing said."""
+        """Begin with nothing published."""
         self._replica = replica
         self._write_ahead = write_ahead
         self._publish_queue = publish_queue
@@ -261,11 +261,11 @@ class EstimatePublisher:
         return chosen if chosen in self._names else self._names[-1]
 
     def publish(self, estimates: Sequence[EncodedEstimate], due_ns: int | None) -> None:
-        """Write down what the kernel says; what is to be published waits for the commit.
+        """Journal estimates; those to be published wait for the commit.
 
         Args:
             estimates: in a run of the kernel for one device, revisions first.
-            due_ns: when it could be said at the earliest; None where nobody waited for it.
+            due_ns: monotonic time at which they could be computed at the earliest; None if no latency is measured.
         """
         now_ns, primary, all_pipelines = self._clock.monotonic_ns(), self.primary, self._settings.publish == "all"
         overrun = due_ns is not None and now_ns - due_ns > TICK_NS and self._settings.overrun == "newest"

@@ -191,7 +191,7 @@ def resume_run(folder: Path, replica: Executor, beat: Callable[[], None]) -> Res
 
 
 def apply_record(replica: Replica, record: JournalRecord) -> list[Estimate]:
-    """Apply an event or a decision; return what the kernel says, in the order in which the journal has it."""
+    """Apply an event or a decision; return the estimates, in the order in which the journal has them."""
     if record.kind is RecordKind.EVENT:
         replica.event(record.number, decode_event(record.payload))
         return []
@@ -259,7 +259,7 @@ def open_journal(
 
 
 def last_values(resumed: ResumedRun, site: str, primary: str, *, all_pipelines: bool) -> list[Publication]:
-    """What was said last before the crash: the same bytes again, for those who come now."""
+    """Return the last estimates published before the crash, byte for byte, for listeners that subscribe now."""
     publications = []
     for (device, pipeline), record in resumed.last_estimates.items():
         if all_pipelines or pipeline == primary:

@@ -59,8 +59,8 @@ class Replica:
         """Begin with nothing.
 
         Args:
-            on_call: told of every stage before it is called, and None after.
-            on_failure: told of every call that failed.
+            on_call: called with every stage before it is called, and with None after.
+            on_failure: called with every stage call that failed.
             report_fixes, report_faults: results of steps hold the fixes of settled ticks, and the calls that failed.
         """
         self._report_fixes = report_fixes
@@ -78,7 +78,7 @@ class Replica:
         self.primary = ""
 
     def apply(self, steps: Iterable[ReplicaStep]) -> list[ReplicaStepResult]:
-        """Do the steps in their order and return what came of each; neighbouring runs are done together."""
+        """Apply the steps in order and return the result of each; consecutive runs are computed as a batch."""
         results: list[ReplicaStepResult] = []
         runs: list[RunDevice] = []
         devices: set[str] = set()
@@ -111,7 +111,7 @@ class Replica:
         return self.kernel.feed(event)
 
     def apply_decision(self, decision: Decision) -> tuple[KernelOutput, MessageOutcome | None]:
-        """Do what was decided; return what the kernel says to it, and what became of a scan that it spoke of."""
+        """Carry out a decision; return the kernel's output, and the outcome of the scan concerned, if any."""
         if isinstance(decision, RunDevice):
             return self.kernel.run(decision.device, decision.tick, decision.most), None
         if isinstance(decision, AdmitScan):
@@ -126,7 +126,7 @@ class Replica:
         return KernelOutput(), None
 
     def is_duplicate(self, event: Event) -> bool:
-        """Tell whether the event would be a duplicate by its number, without taking note of it."""
+        """Tell whether the event would be a duplicate by its number; changes nothing."""
         return self.kernel.is_duplicate(event)
 
     def progress_by_device(self) -> dict[str, DeviceProgress]:

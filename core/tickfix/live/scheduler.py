@@ -23,7 +23,9 @@ _CLOCK_STEP_NS: Final = 500_000_000
 class ClockOffset:
     """Estimates our monotonic time minus a device's time.
 
-    Each bin holds the minimum of two seconds; the estimate is the minimum over the last fifteen bins.
+    A message arrives late by its time in the network and in the sender's batch, never early. So the smallest difference
+    seen is the best estimate of the offset, and a larger one is no evidence. Each bin holds the minimum of two seconds;
+    the estimate is the minimum over the last fifteen bins, which follows a drift of 200 ppm within 6 ms.
     """
 
     def __init__(self) -> None:
@@ -32,7 +34,7 @@ class ClockOffset:
         self._offset_ns: int | None = None
 
     def observe(self, device_ns: int, now_ns: int) -> None:
-        """Take note that something measured at ``device_ns`` arrived at ``now_ns``."""
+        """Record that something measured at ``device_ns`` arrived at ``now_ns``."""
         difference_ns, bin_ = now_ns - device_ns, now_ns // _BIN_NS
         if self._bins and self._bins[-1][0] == bin_:
             self._bins[-1] = (bin_, min(self._bins[-1][1], difference_ns))
@@ -41,6 +43,9 @@ class ClockOffset:
         while self._bins[0][0] <= bin_ - _MAX_BINS:
             self._bins.popleft()
         smallest_ns = min(d for _, d in self._bins)
+        # A minimum adapts at once when the device's clock steps ahead, but would keep the old offset for half a minute
+        # when it steps back, and close every tick too early meanwhile. Three bins in a row that are all half a second
+        # above the minimum are such a step: delays of the network do not stay that long without one quick message.
         fresh = list(self._bins)[-_FRESH_BINS:]
         if len(fresh) == _FRESH_BINS and min(d for _, d in fresh) > smallest_ns + _CLOCK_STEP_NS:
             self._bins = deque(fresh, maxlen=_MAX_BINS)
@@ -91,7 +96,7 @@ class Deadlines:
         self._queue: list[tuple[int, str]] = []
 
     def observe(self, device: str, newest_ns: int, next_tick: int | None, *, arrival_ns: int) -> None:
-        """Take note of what arrived.
+        """Record an arrival.
 
         Args:
             newest_ns: the device's newest measurement that its timeline believes.
@@ -107,7 +112,7 @@ class Deadlines:
         self.closed(device, next_tick)
 
     def closed(self, device: str, next_tick: int | None) -> None:
-        """Take note of which tick is the first that is not closed."""
+        """Record which tick is the first that is not closed, and queue its deadline."""
         due = self._devices.get(device)
         if due is None:
             return
@@ -123,6 +128,7 @@ class Deadlines:
 
     def next_ns(self) -> int | None:
         """Return the earliest deadline, None where nothing is to come."""
+        # A deadline that moved is not removed from the heap but queued again; entries that no longer hold are skipped.
         while self._queue:
             deadline_ns, device = self._queue[0]
             due = self._devices.get(device)
@@ -197,17 +203,17 @@ class DeviceSchedule:
         return iter(tuple(self._progress))
 
     def update(self, device: str, progress: DeviceProgress) -> None:
-        """Take note of how far a device has come."""
+        """Record a device's progress."""
         self._progress[device] = progress
 
     def observe(self, device: str, received_ns: int) -> None:
-        """Take note that something of a device was let in, which was received at ``received_ns`` on our clock."""
+        """Record that a device's data was accepted, which was received at ``received_ns`` on our clock."""
         progress = self._progress.get(device)
         if progress is not None and progress.newest_ns is not None:
             self.deadlines.observe(device, progress.newest_ns, progress.next_tick, arrival_ns=received_ns)
 
     def record_run(self, device: str, progress: DeviceProgress | None) -> None:
-        """Take note of how far a run has brought a device; None where the device is not followed."""
+        """Record a device's progress after a run; None if the device is not followed."""
         self._backlog.pop(device, None)
         if progress is not None:
             self.deadlines.closed(device, progress.next_tick)
@@ -271,7 +277,7 @@ class OverloadDetector:
         self.episodes = 0
 
     def update(self, lag_ns: int, now_ns: int) -> bool:
-        """Take note of how late the loop is now; return whether it has just become overloaded, or just recovered."""
+        """Record how late the loop is now; return whether it has just become overloaded, or just recovered."""
         recovered, lagging = lag_ns <= _RECOVERY_SHARE * self._limit_ns, lag_ns > self._limit_ns
         turning = recovered if self.active else lagging
         if not turning:

@@ -153,13 +153,13 @@ def serve(  # noqa: PLR0915 - the wiring, in the order in which it happens
     on_ended: Callable[[Engine], None] = lambda _: None,
     control: Callable[[Engine], None] = lambda _: None,
 ) -> None:
-    """Serve until told to stop.
+    """Serve until stopped by a signal or over the control port.
 
     Args:
         heartbeat: gets signs of life.
-        on_started: told the run and the addresses once the ports are open.
-        on_ended: told the engine when it has ended in order.
-        control: told the engine before it begins, so that a signal can stop it.
+        on_started: called with the run and the addresses once the ports are open.
+        on_ended: called with the engine when it has ended in order.
+        control: called with the engine before it begins, so that a signal can stop it.
 
     Raises:
         TickfixError: when site, configuration, ports or journal do not allow it.

@@ -26,9 +26,9 @@ _LOGGER = logging.getLogger(__name__)
 
 _POLL_S: Final = 0.05
 EXIT_FINAL: Final = 3
-"""Exit code of an engine that ended as it was told to for such a case: nobody starts it again."""
+"""Exit code of an engine that ended because its overrun policy is ``fail``: it is not started again."""
 EXIT_CRASHED: Final = 70
-"""Exit code of an engine that failed in a way nobody foresaw (EX_SOFTWARE)."""
+"""Exit code of an engine that failed in an unforeseen way (EX_SOFTWARE)."""
 _WINDOW_S: Final = 60.0
 _IMMEDIATE_RESTARTS: Final = 3
 _MAX_BACKOFF_S: Final = 60.0
@@ -69,7 +69,7 @@ class _EngineHistory:
     crashes_by_stage: Counter[str] = field(default_factory=Counter)
 
     def record_exit(self, now_s: float, code: int, child: _EngineProcess, heartbeat: WatchdogHeartbeat) -> None:
-        """Take note of an engine's end."""
+        """Record that an engine ended."""
         self.served |= heartbeat.is_serving
         self.deaths = [t for t in self.deaths if now_s - t < _WINDOW_S + _MAX_BACKOFF_S] + [now_s]
         # One that says why it cannot go on may be able to later: the disk is full, say. One that is killed from outside
@@ -97,7 +97,7 @@ def supervise(
 
     Args:
         options: what to serve.
-        engine: runs in the child until it is told to stop, by SIGTERM for one; returns the exit code.
+        engine: runs in the child until it is stopped, by SIGTERM for example; returns the exit code.
         stall_s: no sign of life for so long is a hang.
 
     Raises:
@@ -144,7 +144,7 @@ def _next_options(
     stall_s: float,
     code: int,
 ) -> ServeOptions:
-    """Say what happened and return what to serve next."""
+    """Log what happened and return what to serve next."""
     stage = heartbeat.stage
     key, label = ("", "outside any stage") if stage is None else (stage[0], f"in {stage[1]}")
     if child.hung:

@@ -142,7 +142,7 @@ class DeviceRegistry:
         self.primary = ""
 
     def enter(self, step: ReplicaStep) -> tuple[str | None, list[str]]:
-        """Take note of a step.
+        """Record a step.
 
         Returns:
             The device that it concerns, None for a step that concerns none; and devices that are forgotten for it.
@@ -177,7 +177,7 @@ class DeviceRegistry:
         return forgotten
 
     def restore(self, kernel: KernelSnapshot, waiting: Iterable[tuple[int, Scan]], primary: str) -> None:
-        """Become what a snapshot says."""
+        """Restore a snapshot."""
         self.sessions.restore(kernel.sessions, kernel.closed_devices)
         self.followed.update(dict.fromkeys(device.device for device in kernel.devices))
         self.waiting.update(waiting)
@@ -315,7 +315,7 @@ class WorkerPool:
         return self._device_registry.waiting
 
     def apply(self, steps: Sequence[ReplicaStep]) -> list[ReplicaStepResult]:
-        """Do the steps in their order and return what came of each.
+        """Apply the steps in order and return the result of each.
 
         Raises:
             WorkerError: when a worker is gone.
@@ -346,7 +346,7 @@ class WorkerPool:
         return results
 
     def is_duplicate(self, event: Event) -> bool:
-        """Tell whether the event would be a duplicate by its number, without taking note of it."""
+        """Tell whether the event would be a duplicate by its number; changes nothing."""
         return self._device_registry.sessions.is_duplicate(event)
 
     def progress_by_device(self) -> Mapping[str, DeviceProgress]:
