@@ -16,7 +16,7 @@ class LazyEntry:
 
     Attributes:
         module: of ``tickfix.cli``.
-        attribute: the function, or the :class:`typer.Typer` of a group of commands.
+        attribute: the function, or the ``typer.Typer`` of a group of commands.
         help: the first sentence of its help, which the list of commands shows.
     """
 
