@@ -6,13 +6,14 @@ import base64
 import hashlib
 import html
 import io
+import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import msgpack
 import msgspec
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
     from tickfix.evaluation.theme import NotebookFigure
 
+
+DiagnosticSums: TypeAlias = Mapping[str, tuple[float, int]]
+"""By the name of a diagnostic, the sum over the estimates that report it, and how many do."""
 
 TRACK_DTYPE: Final = np.dtype(
     [
@@ -250,6 +254,15 @@ def waypoint_errors(track: Track, waypoints: Sequence[Truth]) -> tuple[Floats, B
             error_m[i] = np.hypot(*(belief.xy - waypoint.xy))
             floor_right[i] = belief.floor == waypoint.floor
     return error_m, floor_right
+
+
+def sum_diagnostics(track: Iterable[Estimate]) -> DiagnosticSums:
+    """Return the sums of what the estimates of a track report about their filter, by name."""
+    values: dict[str, list[float]] = {}
+    for estimate in track:
+        for name, value in estimate.diagnostics.items():
+            values.setdefault(name, []).append(value)
+    return {name: (math.fsum(found), len(found)) for name, found in sorted(values.items())}
 
 
 def digest(track: Iterable[Estimate]) -> str:

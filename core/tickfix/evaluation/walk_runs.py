@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from tickfix.api import Bools, Estimate, Fix, Floats, Recording, Truth
 from tickfix.config import Config, build_pipelines
 from tickfix.evaluation.error_metrics import ErrorStatistics
 from tickfix.evaluation.scoring import Coverage, WalkScore, score_walk
-from tickfix.evaluation.tracks import Track, digest, pooled_digest
+from tickfix.evaluation.tracks import DiagnosticSums, Track, digest, pooled_digest, sum_diagnostics
 from tickfix.kernel import KernelSettings, Pipeline
 from tickfix.observers import Observers
 from tickfix.replay.driver import ReplayResult, replay_recording, start_at_first_waypoint
@@ -27,8 +27,6 @@ from tickfix.replay.process_pool import parallel_map
 from tickfix.replay.recording_files import RecordingFile
 from tickfix.replay.site_survey import site_context, trainable_choices
 from tickfix.site import Site
-
-DiagnosticSums: TypeAlias = Mapping[str, tuple[float, int]]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -154,16 +152,8 @@ def evaluate_walk(
         score=score_walk(name, floor, truth, published, coverage),
         published={pipeline: digest(track) for pipeline, track in published.items()},
         settled={pipeline: digest(track) for pipeline, track in settled.items()},
-        diagnostics={pipeline: _diagnostic_sums(track) for pipeline, track in published.items()},
+        diagnostics={pipeline: sum_diagnostics(track) for pipeline, track in published.items()},
     )
-
-
-def _diagnostic_sums(track: Iterable[Estimate]) -> DiagnosticSums:
-    values: dict[str, list[float]] = {}
-    for estimate in track:
-        for name, value in estimate.diagnostics.items():
-            values.setdefault(name, []).append(value)
-    return {name: (math.fsum(found), len(found)) for name, found in sorted(values.items())}
 
 
 def _mean_diagnostics(walks: Sequence[DiagnosticSums]) -> dict[str, float]:

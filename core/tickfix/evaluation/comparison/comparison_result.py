@@ -225,6 +225,7 @@ def _walk_result(trial: Trial) -> WalkResult:
         score=score,
         published={name: o.published for name, o in trial.outcomes.items()},
         settled={name: o.settled for name, o in trial.outcomes.items()},
+        diagnostics={name: {key: (total, n) for key, total, n in o.diagnostics} for name, o in trial.outcomes.items()},
     )
 
 

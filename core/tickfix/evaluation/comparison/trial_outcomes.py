@@ -43,7 +43,7 @@ from tickfix.evaluation.track_metrics import (
     time_to_first_position_s,
     track_positions,
 )
-from tickfix.evaluation.tracks import Track, digest
+from tickfix.evaluation.tracks import Track, digest, sum_diagnostics
 from tickfix.replay.driver import ReplayResult
 
 RECENT_S: Final = 10.0
@@ -157,6 +157,7 @@ class TrialOutcome:
         smoothness, violations, stationary, cost: see :mod:`tickfix.evaluation.error_metrics`.
         statuses, reasons, failures, intake: ticks by status, reports by reason, failed stage calls by stage and error,
             messages by what became of them.
+        diagnostics: name of each diagnostic, sum over the published estimates that report it, and how many do.
     """
 
     walk: str
@@ -181,6 +182,7 @@ class TrialOutcome:
     reasons: LabelCounts
     failures: LabelCounts
     intake: LabelCounts
+    diagnostics: tuple[tuple[str, float, int], ...] = ()
 
     @property
     def truth(self) -> tuple[Truth, ...]:
@@ -238,6 +240,7 @@ def trial_outcomes(
             reasons=_count_labels(reason for e in track for reason in e.reasons),
             failures=_failures(track.estimates),
             intake=tuple(sorted(replayed.intake.items())),
+            diagnostics=tuple((key, total, n) for key, (total, n) in sum_diagnostics(track.estimates).items()),
         )
     return kept
 
