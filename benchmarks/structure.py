@@ -19,6 +19,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -120,11 +121,26 @@ def shape(checkout: Path) -> dict[str, str]:
     }
 
 
+def write_metadata(checkout: Path, folder: Path) -> None:
+    """Write the metadata of a distribution that has the checkout's entry points."""
+    project = tomllib.loads((checkout / "pyproject.toml").read_text())["project"]
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: tickfix\nVersion: 0\n")
+    groups = [
+        f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
+        for group, points in project["entry-points"].items()
+    ]
+    (folder / "entry_points.txt").write_text("\n".join(groups))
+
+
 def calls(checkout: Path) -> dict[str, str]:
     """Count Python calls per device and tick, in a process that has this checkout's code."""
     paths = [str((checkout / root).resolve()) for root in ROOTS if (checkout / root).is_dir()]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"}
     with tempfile.TemporaryDirectory() as folder:
+        # First on the path, this stands in for the installed distribution: its entry points are this checkout's.
+        write_metadata(checkout, Path(folder) / "tickfix-0.dist-info")
+        search = os.pathsep.join([folder, *paths])
+        environment = {**os.environ, "PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, str(Path(__file__).resolve()), "--count", *paths]
         subprocess.run(command, cwd=folder, env=environment, check=True, stdout=sys.stderr)  # noqa: S603 - this file
         counted = json.loads((Path(folder) / "calls.json").read_text())

@@ -56,16 +56,17 @@ class Observers:
         self._log = partial(_LOGGER.error, extra={"code": "observer_removed"}) if log is None else log
         # A manager for each: pluggy stops at the first plugin that raises, and would hide the call from the others.
         self._managers = {label: hook_manager(plugin, label) for label, plugin in (plugins or {}).items()}
+        self._implemented = self._find_implemented()
         self._epochs: dict[str, int] = {}
         self.removed: list[str] = []
 
     def __bool__(self) -> bool:
         """Tell whether any plugin observes anything."""
-        return any(map(self.wants, OBSERVER_HOOKS))
+        return bool(self._implemented)
 
     def wants(self, hook: str) -> bool:
         """Tell whether any plugin implements ``hook``; drivers skip collecting what nobody asked for."""
-        return any(getattr(manager.hook, hook).get_hookimpls() for manager in self._managers.values())
+        return hook in self._implemented
 
     def run_started(self, run: Run) -> None:
         """Report that a run begins."""
@@ -107,6 +108,11 @@ class Observers:
                 self._epochs[estimate.device] = estimate.epoch
                 yield EpochStart(device=estimate.device, epoch=estimate.epoch, t_ns=estimate.t_ns)
 
+    def _find_implemented(self) -> frozenset[str]:
+        """Return the hooks that some plugin implements; drivers ask for them after every event."""
+        hooks_of = [manager.hook for manager in self._managers.values()]
+        return frozenset(name for name in OBSERVER_HOOKS if any(getattr(h, name).get_hookimpls() for h in hooks_of))
+
     def _call(self, hook: str, **arguments: Any) -> None:
         for label, manager in list(self._managers.items()):
             try:
@@ -115,6 +121,7 @@ class Observers:
                 raise
             except BaseException as error:  # noqa: BLE001 - an observer, even one that exits, must not end the run
                 del self._managers[label]
+                self._implemented = self._find_implemented()
                 self.removed.append(label)
                 raised = f"{hook} raised {type(error).__name__}: {error}"
                 self._log(f"observer {label}: {raised}. None of its hooks is called again")
