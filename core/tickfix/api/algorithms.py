@@ -61,6 +61,18 @@ class Pdr(Protocol):
         ...
 
 
+class BatchPdr(Pdr, Protocol):
+    """A pdr that can step many devices in one call; optional, for algorithms that are faster that way.
+
+    ``step_many`` must return, bit for bit, what ``step`` returns for each device alone, for any grouping and order of
+    devices, or numbers within the class's ``batch_tolerance``. If it raises, the devices are stepped one by one.
+    """
+
+    def step_many(self, states: Sequence[Any], samples: Sequence[MotionSamples]) -> Sequence[tuple[Any, Motion]]:
+        """Fold one tick of each device; both are equally long, and so is what is returned, in the same order."""
+        ...
+
+
 class Fingerprint(Protocol):
     """Positioning by signal strengths: turns a window of readings into an observation, once per scan."""
 
@@ -75,6 +87,17 @@ class Fingerprint(Protocol):
 
     def step(self, state: Any, window: Readings) -> tuple[Any, Observation]:
         """Fold the newest scan; ``window`` ends with it and may be without readings."""
+        ...
+
+
+class BatchFingerprint(Fingerprint, Protocol):
+    """A fingerprint that can step many devices in one call; optional, for algorithms that are faster that way.
+
+    The contract is that of :class:`BatchPdr`. Functions within observations must agree too.
+    """
+
+    def step_many(self, states: Sequence[Any], windows: Sequence[Readings]) -> Sequence[tuple[Any, Observation]]:
+        """Fold one scan of each device; both are equally long, and so is what is returned, in the same order."""
         ...
 
 
@@ -189,9 +212,14 @@ class _AlgorithmBase(ABC, Generic[P]):
 
 
 class BasePdr(_AlgorithmBase[P]):
-    """Base of dead-reckoning algorithms."""
+    """Base of dead-reckoning algorithms.
+
+    Attributes:
+        batch_tolerance: of ``step_many``, see :class:`BaseFilter`.
+    """
 
     kind = "pdr"
+    batch_tolerance: ClassVar[float] = 0.0
     State: ClassVar[type[Any]]
 
     @abstractmethod
@@ -204,9 +232,14 @@ class BasePdr(_AlgorithmBase[P]):
 
 
 class BaseFingerprint(_AlgorithmBase[P]):
-    """Base of fingerprints with a state of their own."""
+    """Base of fingerprints with a state of their own.
+
+    Attributes:
+        batch_tolerance: of ``step_many``, see :class:`BaseFilter`.
+    """
 
     kind = "fingerprint"
+    batch_tolerance: ClassVar[float] = 0.0
     State: ClassVar[type[Any]]
 
     @property

@@ -97,10 +97,10 @@ class Fold(Generic[S, O]):
         if tick % _MEASURE_EVERY == 0:
             self._adjust_stride(state)
 
-    def advance(self, tick: int, step: Callable[[S, int], tuple[S, O]]) -> None:
+    def advance(self, tick: int, step: Callable[[S, int], StepCoroutine[tuple[S, O]]]) -> StepCoroutine[None]:
         """Fold up to and including ``tick``."""
         for k, state in self.pending_ticks(tick):
-            kept, output = step(state, k)
+            kept, output = yield from step(state, k)
             self.record(k, kept, output)
 
     def before(self, tick: int) -> tuple[int, S] | None:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from tickfix.api.events import TICK_NS, Fix, Scan
 from tickfix.api.packing import pack
 from tickfix.api.values import Belief, Estimate, Motion, Observation, Prior, Readings, Report, Status
-from tickfix.kernel.batch import StepAnswer, StepCoroutine, StepRequest, with_estimate
+from tickfix.kernel.batch import InputRequest, StepAnswer, StepCoroutine, StepRequest, with_estimate
 from tickfix.kernel.determinism import RandomStreams
 from tickfix.kernel.fold import StageFold
 from tickfix.kernel.measurements import tick_of
@@ -44,17 +44,17 @@ class MotionFold(StageFold[Any, MotionResult]):
         """Begin before the first tick."""
         super().__init__(stage.key, stage, setup, lambda: None)
         self._timeline = timeline
+        self._is_batched = hasattr(stage.algorithm, "step_many")
 
     def fold_to(self, tick: int, first: int) -> StepCoroutine[None]:  # noqa: ARG002 - the interface
-        """Fold up to and including ``tick``; no filter step is asked for."""
-        yield from ()
-        self.advance(tick, self.step)
+        """Fold up to and including ``tick``, asking for the steps of a pdr that has ``step_many``."""
+        return self.advance(tick, self.step)
 
     def changed_since(self, changes: ChangedTicks, upstream: int | None) -> int | None:  # noqa: ARG002 - the interface
         """Return the earliest tick whose samples changed."""
         return changes.motion
 
-    def step(self, state: Any, tick: int) -> tuple[Any, MotionResult]:
+    def step(self, state: Any, tick: int) -> StepCoroutine[tuple[Any, MotionResult]]:
         """Fold one tick; None is the state before the first."""
         stage, call, pdr = self._stage, self._call, self._stage.algorithm
         samples = self._timeline.motion(tick)
@@ -62,7 +62,12 @@ class MotionFold(StageFold[Any, MotionResult]):
         measured_ns = max(newest, default=None)
         if state is None:
             state = call(stage, lambda begun: call.state(stage, begun), pdr.start)
-        result = state if isinstance(state, StageFailure) else call(stage, self._check, pdr.step, state, samples)
+        if isinstance(state, StageFailure):
+            result = state
+        elif self._is_batched:
+            result = yield InputRequest(stage, state, lambda: samples, self._check)
+        else:
+            result = call(stage, self._check, pdr.step, state, samples)
         if isinstance(result, StageFailure):
             unknown = Motion.unknown(samples.t0_ns, samples.t1_ns)
             return None if isinstance(state, StageFailure) else state, MotionResult(unknown, measured_ns, result)
@@ -128,11 +133,11 @@ class ObservationFold(StageFold[FingerprintState, ObservationResult]):
         """Begin before the first tick."""
         super().__init__(stage.key, stage, setup, FingerprintState)
         self._timeline = timeline
+        self._is_batched = hasattr(stage.algorithm, "step_many")
 
     def fold_to(self, tick: int, first: int) -> StepCoroutine[None]:  # noqa: ARG002 - the interface
-        """Fold up to and including ``tick``; no filter step is asked for."""
-        yield from ()
-        self.advance(tick, self.step)
+        """Fold up to and including ``tick``, asking for the steps of a fingerprint that has ``step_many``."""
+        return self.advance(tick, self.step)
 
     def changed_since(self, changes: ChangedTicks, upstream: int | None) -> int | None:  # noqa: ARG002 - the interface
         """Return the earliest tick whose scans changed.
@@ -141,7 +146,9 @@ class ObservationFold(StageFold[FingerprintState, ObservationResult]):
         """
         return changes.scans
 
-    def step(self, fingerprint_state: FingerprintState, tick: int) -> tuple[FingerprintState, ObservationResult]:
+    def step(
+        self, fingerprint_state: FingerprintState, tick: int
+    ) -> StepCoroutine[tuple[FingerprintState, ObservationResult]]:
         """Fold one tick."""
         state, found = fingerprint_state.state, list(fingerprint_state.waiting)
         failure: StageFailure | None = None
@@ -153,7 +160,14 @@ class ObservationFold(StageFold[FingerprintState, ObservationResult]):
             if not wanted:
                 continue
             before = self._start_state() if state is None else state
-            result = before if isinstance(before, StageFailure) else self._guarded_step(before, scan)
+            if isinstance(before, StageFailure):
+                result = before
+            elif self._is_batched:
+                result = yield InputRequest(
+                    self._stage, before, partial(self._window, scan), partial(self._check, scan)
+                )
+            else:
+                result = self._guarded_step(before, scan)
             if isinstance(result, StageFailure):
                 failure = result
                 state = None if isinstance(before, StageFailure) else before
@@ -208,6 +222,9 @@ class ObservationFold(StageFold[FingerprintState, ObservationResult]):
     def _step_window(self, state: Any, scan: Scan) -> Any:
         fingerprint = self._stage.algorithm
         return fingerprint.step(state, self._timeline.window(scan, fingerprint.window))
+
+    def _window(self, scan: Scan) -> Readings:
+        return self._timeline.window(scan, self._stage.algorithm.window)
 
     def _check(self, scan: Scan, result: Any) -> tuple[Any, Observation]:
         state, observation = result

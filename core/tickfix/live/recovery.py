@@ -77,9 +77,14 @@ def new_manifest(options: ServeOptions, registry: Registry, run: str, before: Ru
 
 
 def _tolerance_note(options: ServeOptions) -> dict[str, str]:
-    """Return a note of the filters whose batches are equal to single steps within a tolerance only, if any."""
-    filters = {p.filter.offer.label: p.filter.offer.cls for p in options.config.pipelines}
-    tolerances = {label: float(getattr(cls, "batch_tolerance", 0.0)) for label, cls in sorted(filters.items())}
+    """Return a note of the stages whose batches are equal to single steps within a tolerance only, if any."""
+    stages = {
+        choice.offer.label: choice.offer.cls
+        for p in options.config.pipelines
+        for choice in (p.pdr, p.fingerprint, p.filter)
+        if choice is not None
+    }
+    tolerances = {label: float(getattr(cls, "batch_tolerance", 0.0)) for label, cls in sorted(stages.items())}
     within = ",".join(f"{label}={tolerance:g}" for label, tolerance in tolerances.items() if tolerance)
     return {"batch_tolerance": within} if within else {}
 

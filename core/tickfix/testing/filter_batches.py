@@ -61,8 +61,7 @@ def check_step_many(algorithm: Any, ticks: int) -> None:
     walks = device_inputs(ticks)
     fixes = [world.first_fix((0.5 * d, 0.25 * d)) for d in range(N_DEVICES)]
     states = [algorithm.start(Prior(t_ns=fix.t_ns, fix=fix), _rng(d, 0)) for d, fix in enumerate(fixes)]
-    tolerance = float(getattr(algorithm, "batch_tolerance", 0.0))
-    require(0.0 <= tolerance < 1.0, f"batch_tolerance is {tolerance}. Set it to 0 (bit for bit) or a small number")
+    tolerance = declared_tolerance(algorithm)
     for k in range(ticks):
         given = [walk[k] for walk in walks]
         before = [pack(state) for state in states]
@@ -74,12 +73,19 @@ def check_step_many(algorithm: Any, ticks: int) -> None:
                 beliefs = _checked_estimate_many(algorithm, [state for state, _ in stepped])
                 for d, (state, report), belief in zip(group, stepped, beliefs, strict=True):
                     where = f"of device {d} of {N_DEVICES}, asked for {how}, at tick {k + 1}"
-                    _require_same("step_many", "state", state, one_by_one[d][0], where, tolerance)
-                    _require_same("step_many", "report", report, one_by_one[d][1], where, tolerance)
-                    _require_same("estimate_many", "belief", belief, believed[d], where, tolerance)
+                    require_same("step_many", "state", state, one_by_one[d][0], where, tolerance)
+                    require_same("step_many", "report", report, one_by_one[d][1], where, tolerance)
+                    require_same("estimate_many", "belief", belief, believed[d], where, tolerance)
         unchanged = [pack(state) for state in states] == before
         require(unchanged, "step_many changed a state it was given. Write into copies, return new states")
         states = [state for state, _ in one_by_one]
+
+
+def declared_tolerance(algorithm: Any) -> float:
+    """Return the ``batch_tolerance`` of an algorithm, 0 where it declares none; fail if it is no small number ≥ 0."""
+    tolerance = float(getattr(algorithm, "batch_tolerance", 0.0))
+    require(0.0 <= tolerance < 1.0, f"batch_tolerance is {tolerance}. Set it to 0 (bit for bit) or a small number")
+    return tolerance
 
 
 def _rng(d: int, k: int) -> Rng:
@@ -129,7 +135,7 @@ def _is_close(found: Any, expected: Any, tolerance: float) -> bool:
     return bool(found == expected)
 
 
-def _require_same(method: str, what: str, found: Any, expected: Any, where: str, tolerance: float) -> None:
+def require_same(method: str, what: str, found: Any, expected: Any, where: str, tolerance: float) -> None:
     """Fail unless two values have the same bits, or agree within a tolerance > 0; names the fields that differ."""
     if tolerance > 0.0:
         require(

@@ -11,6 +11,7 @@ import numpy as np
 from tickfix.api import Observation, Readings, Window, pack, unpack
 from tickfix.testing import world
 from tickfix.testing.contract import StateContract, as_contract_error, pure_call, require, require_step_pair
+from tickfix.testing.stage_batches import check_stage_step_many, comparable_observation, window_inputs
 
 _POSITIONS = [(3.0, 3.0), (10.0, 2.0), (16.5, 6.0), (4.0, 10.0), (10.0, 9.5)]
 
@@ -156,6 +157,11 @@ class FingerprintContract(StateContract):
             again = self._step(one, unpack(before, self.algorithm.State), window)
             require((pack(again[0]), _comparable(again[1])) in said, "an unpacked state goes on differently")
             state = results[0][0]
+
+    def test_many_devices_at_once_are_stepped_as_each_alone(self) -> None:
+        """Only for a fingerprint with ``step_many``: the grouping of devices changes no bits."""
+        if hasattr(self.algorithm, "step_many"):
+            check_stage_step_many(self.make(), window_inputs(12), Observation, comparable_observation)
 
     def _observe(self, window: Readings) -> Observation:
         algorithm = self.make()

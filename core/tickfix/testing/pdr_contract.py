@@ -12,6 +12,7 @@ import numpy as np
 from tickfix.api import TICK_NS, Motion, MotionSamples, Samples, frozen, pack, unpack
 from tickfix.testing import world
 from tickfix.testing.contract import StateContract, pure_call, require, require_step_pair
+from tickfix.testing.stage_batches import check_stage_step_many, sample_inputs
 
 _DAY_TICKS = 432_000
 
@@ -132,6 +133,11 @@ class PdrContract(StateContract):
     def test_it_runs_for_thousands_of_ticks(self) -> None:
         """Nothing may creep out of bounds."""
         self._survives(world.samples(k) for k in range(1, 3000))
+
+    def test_many_devices_at_once_are_stepped_as_each_alone(self) -> None:
+        """Only for a pdr with ``step_many``: the grouping of devices changes no bits."""
+        if hasattr(self.algorithm, "step_many"):
+            check_stage_step_many(self.make(), sample_inputs(40), Motion)
 
     def _survives(self, ticks: Iterable[MotionSamples]) -> None:
         for samples, (_, motion) in self._with_samples(ticks):

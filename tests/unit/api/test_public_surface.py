@@ -24,6 +24,8 @@ SURFACE = Path(__file__).parent / "public_surface.txt"
 JUSTIFIED = {
     "API_VERSION": "plugins that support several versions of tickfix compare with it",
     "BatchFilter": "the interface that authors of batched filters annotate with",
+    "BatchFingerprint": "the interface that authors of batched fingerprints annotate with",
+    "BatchPdr": "the interface that authors of batched dead reckoning annotate with",
     "Reader": "the interface of classes of kind reader",
     "Sink": "the interface of classes of kind sink",
 }

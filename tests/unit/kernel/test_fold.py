@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tickfix.kernel.batch import StepCoroutine
 from tickfix.kernel.fold import Fold, earliest
 
 HORIZON = 10
+
+
+def advance(fold: Fold[Any, Any], tick: int, step: Callable[[Any, int], tuple[Any, Any]]) -> None:
+    """Advance a fold by a step that asks for nothing."""
+
+    def coroutine(state: Any, k: int) -> StepCoroutine[tuple[Any, Any]]:
+        yield from ()
+        return step(state, k)
+
+    assert list(fold.advance(tick, coroutine)) == []
 
 
 @settings(max_examples=200)
@@ -30,12 +44,12 @@ def test_any_budget_and_any_rewinding_give_what_folding_anew_gives(moves: list[t
     for what, n in moves:
         if what == "advance":
             now += n
-            fold.advance(now, step)
+            advance(fold, now, step)
         else:
             changed = max(settled + 1, now - n)
             measured[changed] += 1
             fold.rewind(changed)
-            fold.advance(now, step)
+            advance(fold, now, step)
         for k in range(settled + 1, now - HORIZON):
             said[k] = fold.outputs[k]
             settled = k
@@ -51,7 +65,7 @@ def test_checkpoints_of_large_states_are_fewer_than_ticks() -> None:
     fold = Fold(lambda: large, horizon=50, budget_bytes=5 * large.nbytes)
     fold.begin(0)
     for k in range(200):
-        fold.advance(k, lambda state, tick: (state, tick))
+        advance(fold, k, lambda state, tick: (state, tick))
         fold.forget(k - 50)
     assert len(fold._checkpoints) <= 8
 
