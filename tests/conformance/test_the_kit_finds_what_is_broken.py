@@ -227,6 +227,72 @@ def test_a_batch_may_differ_within_its_declared_tolerance_and_no_further() -> No
         loose(2.0)
 
 
+def pdr_together(change: Callable[[list[Any]], list[Any]] = list, **members: Any) -> type[Any]:
+    """Return the good pdr for many devices, with a change to what it returns."""
+
+    def step_many(self: Any, states: Any, samples: Any) -> list[Any]:
+        return change([self.step(*each) for each in zip(states, samples, strict=True)])
+
+    return changed(GoodPdr, step_many=step_many, **members)
+
+
+def fingerprint_together(change: Callable[[list[Any]], list[Any]] = list, **members: Any) -> type[Any]:
+    """Return the good fingerprint for many devices, with a change to what it returns."""
+
+    def step_many(self: Any, states: Any, windows: Any) -> list[Any]:
+        return change([self.step(*each) for each in zip(states, windows, strict=True)])
+
+    return changed(GoodFingerprint, step_many=step_many, **members)
+
+
+def check_together(contract: type[Any], cls: type[Any]) -> None:
+    """Run the kit's check of ``step_many``."""
+    type("TestIt", (contract,), {"algorithm": cls})().test_many_devices_at_once_are_stepped_as_each_alone()
+
+
+def _longer(stepped: list[Any]) -> list[Any]:
+    more_m = len(stepped) * 1e-12
+    return [(state, replace(motion, distance_m=motion.distance_m + more_m)) for state, motion in stepped]
+
+
+def _elsewhere(stepped: list[Any]) -> list[Any]:
+    def moved(seen: Any) -> Any:
+        fix = seen.fix
+        return seen if fix is None else replace(seen, fix=replace(fix, xy=fix.xy + len(stepped) * 1e-12))
+
+    return [(state, moved(seen)) for state, seen in stepped]
+
+
+def _likely(stepped: list[Any]) -> list[Any]:
+    return [(s, replace(o, log_likelihood=lambda _, xy: np.full(len(xy), -1.0))) for s, o in stepped]
+
+
+def test_a_good_pdr_and_a_good_fingerprint_for_many_devices_pass() -> None:
+    check_together(PdrContract, pdr_together())
+    check_together(FingerprintContract, fingerprint_together())
+
+
+@pytest.mark.parametrize(
+    ("contract", "cls", "message"),
+    [
+        (PdrContract, pdr_together(_longer), "another motion .* distance_m differs"),
+        (PdrContract, pdr_together(lambda stepped: stepped[1:]), "returned 6 results"),
+        (FingerprintContract, fingerprint_together(_elsewhere), "another observation .* xy differs"),
+        (FingerprintContract, fingerprint_together(_likely), "log_likelihood differs"),
+        (FingerprintContract, fingerprint_together(_elsewhere, batch_tolerance=1e-20), "batch_tolerance = 1e-20"),
+        (FingerprintContract, fingerprint_together(batch_tolerance=2.0), r"batch_tolerance is 2\.0"),
+    ],
+)
+def test_a_batch_that_differs_from_single_steps_is_found(contract: type[Any], cls: type[Any], message: str) -> None:
+    with pytest.raises(ContractError, match=message):
+        check_together(contract, cls)
+
+
+def test_batches_of_a_pdr_and_a_fingerprint_may_differ_within_their_tolerance() -> None:
+    check_together(PdrContract, pdr_together(_longer, batch_tolerance=1e-9))
+    check_together(FingerprintContract, fingerprint_together(_elsewhere, batch_tolerance=1e-9))
+
+
 def _write(_: Any, moved: Any, state: Any, rng: Any) -> Any:
     state.xy.flags.writeable = True
     state.xy[:] = moved.xy
