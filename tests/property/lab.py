@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 from types import MappingProxyType
@@ -62,6 +62,7 @@ class Folded:
     intake: Counter[str]
     measurements: Counter[str]
     failures: Counter[str]
+    smoothed: Mapping[tuple[str, str], list[Estimate]] = field(default_factory=dict)
 
     def said(self, device: str, pipeline: str) -> str:
         """Return the digest of the published track."""
@@ -134,6 +135,7 @@ def fold(
     published: dict[tuple[str, str], list[Estimate]] = {}
     settled: dict[tuple[str, str], list[Estimate]] = {}
     revised: dict[tuple[str, str], list[Estimate]] = {}
+    smoothed: dict[tuple[str, str], list[Estimate]] = {}
     outcomes, outputs = [], []
     for number, event in enumerate(events):
         outcomes.append(kernel.feed(event))
@@ -146,10 +148,17 @@ def fold(
     if finish:
         outputs += [kernel.finish(device) for device in kernel.devices]
     for output in outputs:
-        for into, estimates in ((published, output.published), (settled, output.settled), (revised, output.revised)):
+        for into, estimates in (
+            (published, output.published),
+            (settled, output.settled),
+            (revised, output.revised),
+            (smoothed, output.smoothed),
+        ):
             for estimate in estimates:
                 into.setdefault((estimate.device, estimate.pipeline), []).append(estimate)
-    return Folded(published, settled, revised, tuple(outcomes), kernel.intake, kernel.measurements, kernel.failures)
+    return Folded(
+        published, settled, revised, tuple(outcomes), kernel.intake, kernel.measurements, kernel.failures, smoothed
+    )
 
 
 def without_truth(events: Iterable[Event]) -> list[Event]:

@@ -23,6 +23,7 @@ PIPELINES = (
     toy_pipeline("toy"),
     toy_pipeline("eager", eager=True, window=Window(seconds=2.0, scans=2, sources=("wifi",))),
     toy_pipeline("redated", redated=True),
+    toy_pipeline("smoothing", smoothing=True),
     toy_pipeline("motion only", eager=True, fingerprint=False),
     toy_pipeline("scans only", pdr=False, window=Window(seconds=30.0, sources=("wifi", "ble"))),
 )

@@ -106,6 +106,16 @@ class ToyFilter:
         return Belief(floor="F", xy=np.array([state.number(0), state.number(1)]), covariance=np.eye(2))
 
 
+class ToySmoother(ToyFilter):
+    """A smoothed belief from a hash of the states of the lag."""
+
+    lag_s = 1.0
+
+    def smooth(self, states: Sequence[Chain]) -> Belief:
+        smoothed = Chain().on(*states)
+        return Belief(floor="F", xy=np.array([smoothed.number(0), smoothed.number(1)]), covariance=np.eye(2))
+
+
 def seen(fix: Fix | None) -> Any:
     """Return what of a fix matters."""
     return None if fix is None else (fix.t_ns, fix.floor, fix.xy, fix.covariance)
@@ -119,12 +129,13 @@ def toy_pipeline(
     pdr: bool = True,
     fingerprint: bool = True,
     redated: bool = False,
+    smoothing: bool = False,
 ) -> Pipeline:
     """Return a pipeline of toys."""
     window = window or Window(sources=("wifi", "ble"))
     return Pipeline(
         name,
-        Stage("filter", "toy", f"filter {name}", ToyFilter(eager=eager)),
+        Stage("filter", "toy", f"filter {name}", (ToySmoother if smoothing else ToyFilter)(eager=eager)),
         Stage("pdr", "toy", "pdr", ToyPdr()) if pdr else None,
         Stage("fingerprint", "toy", f"fingerprint {window} {redated}", ToyFingerprint(window, redated=redated))
         if fingerprint

@@ -148,6 +148,34 @@ class BatchFilter(Filter, Protocol):
         ...
 
 
+class SmoothingFilter(Filter, Protocol):
+    """A filter that can correct the belief at a tick from what was measured after it; optional.
+
+    A tick is smoothed once, when neither it nor the ticks within ``lag_s`` after it can change any more: that is, the
+    horizon and the lag after it was published. The smoothed belief comes out as a further revision of the estimate and
+    stands in the settled track; the belief at revision 0 and the filter's own course remain what they are. The states
+    of all ticks in the horizon and the lag are kept in memory for it.
+    """
+
+    @property
+    def lag_s(self) -> float:
+        """How much of the future a smoothed belief takes into account, in seconds: 0 to 60, rounded to whole ticks."""
+        ...
+
+    def smooth(self, states: Sequence[Any]) -> Belief:
+        """Return the belief at the time of ``states[0]``, given all that ``states`` were computed from.
+
+        Must be pure and draw no random numbers.
+
+        Args:
+            states: what ``start`` or ``step`` returned at consecutive ticks, oldest first: at least one, at most the
+                ticks of ``lag_s`` and one. There are fewer at the end of a track and before a tick at which the filter
+                failed. What the way back needs besides the belief must be in the state, such as the moments predicted
+                before the observations of the tick.
+        """
+        ...
+
+
 def parameter(
     doc: str,
     *,

@@ -205,6 +205,10 @@ def check_algorithm_class(cls: Any) -> None:
         raise ValueError(f"class {cls.__name__} does not define {', '.join(missing)}, which a {kind} needs")
     for method, names in _REQUIRED_METHODS[kind].items():
         _check_signature(cls, method, names)
+    if kind == "filter" and hasattr(cls, "smooth"):
+        _check_signature(cls, "smooth", ("states",))
+        if not hasattr(cls, "lag_s"):
+            raise ValueError(f"class {cls.__name__} defines smooth without lag_s, expected an attribute or property")
     if kind in ("pdr", "fingerprint", "filter", "map"):
         _check_params(cls)
     if kind in ("pdr", "fingerprint", "filter") and not dataclasses.is_dataclass(getattr(cls, "State", None)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from tickfix.api.events import Fix, Scan
@@ -30,14 +30,22 @@ class KernelOutput:
     Attributes:
         published: estimates of ticks that closed, revision 0.
         revised: estimates of ticks closed before, after late events.
+        smoothed: estimates of ticks closed before, or by this run, whose belief a filter smoothed: their last revision.
         settled: the last revision of ticks that nothing can change any more.
         observations: of the fingerprints in the settled ticks, by the key of their stage.
     """
 
     published: list[Estimate] = field(default_factory=list)
     revised: list[Estimate] = field(default_factory=list)
+    smoothed: list[Estimate] = field(default_factory=list)
     settled: list[Estimate] = field(default_factory=list)
     observations: list[tuple[str, Observation]] = field(default_factory=list)
+
+    @property
+    def emitted(self) -> list[Estimate]:
+        """All that is to be published, revisions included, such that the revisions of a tick ascend."""
+        # A run that ends an epoch smooths ticks that it closed itself.
+        return [*self.revised, *self.published, *self.smoothed]
 
 
 class Epoch:
@@ -45,6 +53,9 @@ class Epoch:
 
     Every tick is published once when it closes, revised while late events change it, and settled when none can any
     more. A tick that is *closed* has revision 0 out; one that is *settled* never changes again and is forgotten.
+
+    Where a filter smooths, ticks settle by its lag later: a tick is smoothed with the ticks of the lag after it only
+    once these cannot change either, so that the result does not depend on the order in which events arrived.
 
     Args:
         setup: what all devices share.
@@ -56,6 +67,7 @@ class Epoch:
         """Build the folds: one per distinct pdr and fingerprint, one per pipeline."""
         self.timeline = Timeline(setup.horizon_ns, setup.measurements)
         self._horizon = setup.horizon_ticks
+        self._lag = setup.lag_ticks
         self._began: int | None = None
         self._published: int | None = None
         self._settled: int | None = None
@@ -97,7 +109,8 @@ class Epoch:
             output.published += self._estimates(k, k)
             self._published = k
             self._revisions.setdefault(k, 0)
-        self._settle(tick - self._horizon - 1, output)
+        final = tick - self._horizon - 1
+        self._settle(final - self._lag, final, output)
 
     def finish(self, output: KernelOutput) -> StepCoroutine[None]:
         """Close and settle everything; the epoch is over and must not be used any more."""
@@ -105,7 +118,7 @@ class Epoch:
         newest = self.timeline.newest
         yield from self.run(newest, output)
         if self._published is not None:
-            self._settle(self._published, output)
+            self._settle(self._published, self._published, output)
 
     @property
     def published(self) -> int | None:
@@ -169,19 +182,36 @@ class Epoch:
 
     def _estimates(self, first: int, last: int) -> list[Estimate]:
         return [
-            as_revision(tracking.outputs[k], self._revisions.get(k, 0))
+            as_revision(tracking.outputs[k].estimate, self._revisions.get(k, 0))
             for k in range(first, last + 1)
             for tracking in self._tracking
         ]
 
-    def _settle(self, tick: int, output: KernelOutput) -> None:
-        """Settle the ticks up to ``tick``: append their last estimates and forget what no later tick needs."""
+    def _last_estimates(self, first: int, last: int, final: int, output: KernelOutput) -> list[Estimate]:
+        """Return the estimates to settle; smoothed ones are revisions, appended to the output too."""
+        estimates = self._estimates(first, last)
+        trackings = [(k, tracking) for k in range(first, last + 1) for tracking in self._tracking]
+        for n, (k, tracking) in enumerate(trackings):
+            belief = tracking.smoothed(k, final)
+            if belief is not None:
+                estimates[n] = replace(estimates[n], belief=belief, revision=estimates[n].revision + 1)
+                output.smoothed.append(estimates[n])
+        return estimates
+
+    def _settle(self, tick: int, final: int, output: KernelOutput) -> None:
+        """Settle the ticks up to ``tick``: append their last estimates and forget what no later tick needs.
+
+        Args:
+            tick: the last to settle.
+            final: the last that can no longer change, ``tick`` or later; smoothing looks no further ahead.
+            output: to append to.
+        """
         if self._began is None:
             return
         start = self._began if self._settled is None else self._settled + 1
         if tick < start:
             return
-        output.settled += self._estimates(start, tick)
+        output.settled += self._last_estimates(start, tick, final, output)
         for observing in self._observing:
             for k in range(start, tick + 1):
                 output.observations += [(observing.key, seen) for seen in observing.outputs[k].observations]

@@ -68,7 +68,11 @@ class Kernel:
         on_failure: Callable[[StageFailure], None] | None = None,
         on_call: Callable[[Stage | None], None] | None = None,
     ) -> None:
-        """Begin with no device."""
+        """Begin with no device.
+
+        Raises:
+            PluginError: when a filter that smooths has an invalid ``lag_s``.
+        """
         self._settings = KernelSettings() if settings is None else settings
         self._starts = starts
         self._on_failure = on_failure

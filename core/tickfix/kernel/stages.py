@@ -170,6 +170,11 @@ class KernelSetup:
     horizon_ns: int
     checkpoint_bytes: int
 
+    def __post_init__(self) -> None:
+        """Refuse a filter with an invalid lag at the start rather than at its first device."""
+        for pipeline in self.pipelines:
+            smoothing_ticks(pipeline.filter)
+
     @property
     def pdrs(self) -> tuple[Stage, ...]:
         """The distinct dead-reckoning stages, in the order of the pipelines that use them first."""
@@ -184,6 +189,11 @@ class KernelSetup:
     def horizon_ticks(self) -> int:
         """How many closed ticks can still change."""
         return self.horizon_ns // TICK_NS
+
+    @property
+    def lag_ticks(self) -> int:
+        """The longest lag of the filters that smooth, 0 without one; ticks settle that much after the horizon."""
+        return max((smoothing_ticks(pipeline.filter) or 0 for pipeline in self.pipelines), default=0)
 
     @property
     def fold_bytes(self) -> int:
@@ -216,6 +226,26 @@ def unpacked_state(packed: bytes | None, stage: Stage) -> Any:
         ValueError: when the bytes are no such state.
     """
     return None if packed is None else unpack(packed, stage.algorithm.State)
+
+
+def smoothing_ticks(stage: Stage) -> int | None:
+    """Return how many ticks after a tick the filter smooths it with, None for a filter that does not smooth.
+
+    Raises:
+        PluginError: when its ``lag_s`` is missing or no number of seconds in range.
+    """
+    if not hasattr(stage.algorithm, "smooth"):
+        return None
+    lag_s: Any = getattr(stage.algorithm, "lag_s", None)
+    is_number = isinstance(lag_s, int | float | np.integer | np.floating) and not isinstance(lag_s, bool)
+    if not is_number or not 0 <= lag_s <= MAX_SMOOTHING_LAG_S:  # NaN is in no range
+        found = "nothing" if lag_s is None else repr(lag_s)
+        raise PluginError(
+            stage.label,
+            f"it has smooth(), and lag_s is {found}",
+            f"Set lag_s to a number of seconds from 0 to {MAX_SMOOTHING_LAG_S:g}.",
+        )
+    return round(float(lag_s) * 1e9 / TICK_NS)
 
 
 def checked_motion(motion: Any) -> Motion:
@@ -287,21 +317,21 @@ def _checked_diagnostics(diagnostics: Any) -> Mapping[str, float]:
     return MappingProxyType(dict(sorted(checked.items())))
 
 
-def checked_belief(belief: Any) -> Belief:
-    """Return ``belief`` if it is one, finite, with covariances that are."""
+def checked_belief(belief: Any, method: str = "estimate") -> Belief:
+    """Return ``belief``, which ``method`` returned, if it is one, finite, with covariances that are."""
     if not isinstance(belief, Belief):
-        raise TypeError(f"estimate returned {type(belief).__name__}, expected Belief")
+        raise TypeError(f"{method} returned {type(belief).__name__}, expected Belief")
     if len(belief.mixture) > _MAX_COMPONENTS or len(belief.floor_probabilities) > _MAX_COMPONENTS:
-        raise ValueError(f"estimate returned a mixture or floors of over {_MAX_COMPONENTS} parts")
-    _check_gaussian(belief)
+        raise ValueError(f"{method} returned a mixture or floors of over {_MAX_COMPONENTS} parts")
+    _check_gaussian(belief, method)
     for component in belief.mixture:
-        _check_gaussian(component)
+        _check_gaussian(component, method)
     for floor, _ in belief.floor_probabilities:
         _check_floor(floor)
     numbers = [p for _, p in belief.floor_probabilities] + [c.weight for c in belief.mixture]
     numbers += [n for n in (belief.speed_mps, belief.heading_rad) if n is not None]
     if not all(map(math.isfinite, numbers)):
-        raise FloatingPointError("estimate returned a speed, heading or probability that is not finite")
+        raise FloatingPointError(f"{method} returned a speed, heading or probability that is not finite")
     return belief
 
 
@@ -310,14 +340,14 @@ def _check_floor(floor: Any) -> None:
         raise TypeError(f"returned a floor of type {type(floor).__name__}, expected its name")
 
 
-def _check_gaussian(gaussian: Belief | Component) -> None:
+def _check_gaussian(gaussian: Belief | Component, method: str) -> None:
     _check_floor(gaussian.floor)
     (x, y), ((a, b), (c, d)) = gaussian.xy.tolist(), gaussian.covariance.tolist()
     if not all(map(math.isfinite, (x, y, a, b, c, d))):
-        raise FloatingPointError("estimate returned a belief that is not finite")
+        raise FloatingPointError(f"{method} returned a belief that is not finite")
     # Rounding may leave an ellipse without width a little less than that.
     if a < 0 or d < 0 or abs(b - c) > 1e-6 * (1.0 + abs(b)) or a * d - b * c < -1e-9 * (1.0 + a * d):
-        raise ValueError("estimate returned a covariance that is not symmetric and positive semi-definite")
+        raise ValueError(f"{method} returned a covariance that is not symmetric and positive semi-definite")
 
 
 def has_nan(state: Any) -> bool:
@@ -343,6 +373,8 @@ def has_nan(state: Any) -> bool:
     return False
 
 
+MAX_SMOOTHING_LAG_S: Final = 60.0
+"""The longest ``lag_s`` of a filter that smooths: states of all its ticks are kept for every device."""
 _TYPES_WITHOUT_NAN: Final = frozenset({int, str, bool, bytes, type(None)})
 _MAX_REASONS: Final = 64
 _MAX_DIAGNOSTICS: Final = 64

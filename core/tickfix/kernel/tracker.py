@@ -3,6 +3,7 @@ estimate."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -20,9 +21,11 @@ from tickfix.kernel.stages import (
     Pipeline,
     Stage,
     StageFailure,
+    checked_belief,
     checked_motion,
     checked_observation,
     packed_state,
+    smoothing_ticks,
     unpacked_state,
 )
 from tickfix.kernel.timeline import MOTION_SENSORS, ChangedTicks, Timeline
@@ -257,6 +260,19 @@ class TrackerState:
     used_ns: int | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class TrackerResult:
+    """A pipeline's estimate at a tick.
+
+    Attributes:
+        estimate: as the filter computed it forwards, revision 0.
+        state: the filter's after the tick, for a filter that smooths; None if it has not started or failed there.
+    """
+
+    estimate: Estimate
+    state: Any = None
+
+
 def observation_of_fix(fix: Fix) -> Observation:
     """Return a fix that another process computed as the observation it is."""
     return Observation(t_ns=fix.t_ns, source=fix.source, fix=fix)
@@ -288,6 +304,7 @@ class Tracker:
         self._streams = streams
         self._call = setup.call
         self._known = known
+        self._lag = smoothing_ticks(self._stage)
 
     def step(
         self,
@@ -296,7 +313,7 @@ class Tracker:
         motion_result: MotionResult,
         observation_result: ObservationResult,
         first: int,
-    ) -> StepCoroutine[tuple[TrackerState, Estimate]]:
+    ) -> StepCoroutine[tuple[TrackerState, TrackerResult]]:
         """Fold one tick; a stage that fails leaves the filter's state as it was.
 
         Args:
@@ -324,7 +341,30 @@ class Tracker:
             tracker_state.motion_ns if motion_result.measured_ns is None else motion_result.measured_ns,
             tick * TICK_NS if report.used else tracker_state.used_ns,
         )
-        return tracker_state, self._estimate(tracker_state, tick, report, failures)
+        estimate = self._estimate(tracker_state, tick, report, failures)
+        # A failed step leaves the state of the tick before, which is no state of this tick to smooth with.
+        stepped = self._lag is not None and answer is not None and not isinstance(answer, StageFailure)
+        return tracker_state, TrackerResult(estimate, state if stepped else None)
+
+    def smoothed(self, tick: int, last: int, results: Mapping[int, TrackerResult]) -> Belief | None:
+        """Return the belief at ``tick`` given the ticks of the lag after it; None if it stays what it is.
+
+        Args:
+            tick: to smooth.
+            last: the newest tick that may be used; it and all before it can no longer change.
+            results: of these ticks.
+        """
+        if self._lag is None:
+            return None
+        states = []
+        for k in range(tick, min(tick + self._lag, last) + 1):
+            if results[k].state is None:
+                break
+            states.append(results[k].state)
+        if not states:
+            return None
+        belief = self._call(self._stage, partial(checked_belief, method="smooth"), self._filter.smooth, tuple(states))
+        return None if isinstance(belief, StageFailure) else belief
 
     def _begin(self, tick: int, observations: tuple[Observation, ...], first: int) -> StepAnswer | None:
         """Try to start the filter; return None if it still waits."""
@@ -383,7 +423,7 @@ class Tracker:
         )
 
 
-class TrackerFold(StageFold[TrackerState, Estimate]):
+class TrackerFold(StageFold[TrackerState, TrackerResult]):
     """The fold of what the other stages made of a tick into a pipeline's estimates.
 
     Args:
@@ -410,10 +450,14 @@ class TrackerFold(StageFold[TrackerState, Estimate]):
     def fold_to(self, tick: int, first: int) -> StepCoroutine[None]:
         """Fold up to and including ``tick``, asking for the filter's steps."""
         for k, state in self.pending_ticks(tick):
-            after, estimate = yield from self._tracker.step(
+            after, result = yield from self._tracker.step(
                 state, k, self._motion_result(k), self._observation_result(k), first
             )
-            self.record(k, after, estimate)
+            self.record(k, after, result)
+
+    def smoothed(self, tick: int, last: int) -> Belief | None:
+        """Return the smoothed belief at ``tick``, None if it stays what it is; see :meth:`Tracker.smoothed`."""
+        return self._tracker.smoothed(tick, last, self.outputs)
 
     def changed_since(self, changes: ChangedTicks, upstream: int | None) -> int | None:  # noqa: ARG002 - the interface
         """Return the earliest tick that anything changed, also of stages of other pipelines.

@@ -104,7 +104,8 @@ class ReplicaStepResult(msgspec.Struct, frozen=True, array_like=True):
 
     Attributes:
         outcome: of the event, or of the scan that a decision let in; None where there is none, or it waits.
-        estimates: estimates in the order in which they are journaled: what was revised, then what closed a tick.
+        estimates: estimates in the order in which they are journaled: what late events revised, what closed a tick, and
+            what was smoothed.
         must_journal: whether the journal must have the decision: there are estimates, or ticks were settled.
         progress: how far the device has come; None for one that is not followed.
         fixes: encoded fixes of ticks that settled; empty unless a plugin observes them.

@@ -203,7 +203,7 @@ def apply_record(replica: Replica, record: JournalRecord) -> list[Estimate]:
     if record.kind is not RecordKind.DECISION:
         return []
     output, _ = replica.apply_decision(decode_decision(record.payload))
-    return [*output.revised, *output.published]
+    return output.emitted
 
 
 def restore_snapshot(replica: Executor, record: JournalRecord) -> None:

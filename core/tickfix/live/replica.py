@@ -178,7 +178,7 @@ class Replica:
     def _step_result(
         self, device: str, output: KernelOutput, outcome: MessageOutcome | None = None
     ) -> ReplicaStepResult:
-        estimates = tuple(EncodedEstimate.of(estimate) for estimate in (*output.revised, *output.published))
+        estimates = tuple(EncodedEstimate.of(estimate) for estimate in output.emitted)
         fixes: tuple[bytes, ...] = ()
         if self._report_fixes:
             fixes = tuple(encode_event(seen.fix) for _, seen in output.observations if seen.fix is not None)

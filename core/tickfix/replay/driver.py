@@ -111,7 +111,7 @@ def _replay(
             if observation.fix is not None:
                 fixes[stage].append(observation.fix)
         if observers:
-            observers.estimates(run, [*output.revised, *output.published])
+            observers.estimates(run, output.emitted)
             observers.fixes(run, [o.fix for _, o in output.observations if o.fix is not None])
             observers.faults(run, faults)
             faults.clear()

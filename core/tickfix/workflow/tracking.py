@@ -199,7 +199,7 @@ class AsyncEngine:
 
 
 def _estimates(output: KernelOutput, *, revisions: bool) -> list[Estimate]:
-    return [*output.revised, *output.published] if revisions else list(output.published)
+    return output.emitted if revisions else list(output.published)
 
 
 async def _turn_by_turn(events: Iterable[Event]) -> AsyncIterator[Event]:

@@ -27,6 +27,7 @@ JUSTIFIED = {
     "BatchFingerprint": "the interface that authors of batched fingerprints annotate with",
     "BatchPdr": "the interface that authors of batched dead reckoning annotate with",
     "Reader": "the interface of classes of kind reader",
+    "SmoothingFilter": "the interface that authors of smoothing filters annotate with",
     "Sink": "the interface of classes of kind sink",
 }
 """Public names that nothing here uses, and why they stay."""
