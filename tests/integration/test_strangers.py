@@ -9,7 +9,8 @@ from pathlib import Path
 from stored_floor import Command
 
 README = Path(__file__).parents[2] / "README.md"
-GOOD = README.read_text("utf-8").split("```python\n")[1].split("```")[0]
+BLOCKS = [block.split("```")[0] for block in README.read_text("utf-8").split("```python\n")[1:]]
+(GOOD,) = (block for block in BLOCKS if "@hookimpl" in block)
 VERSIONED = f"TICKFIX_API = 99\n{GOOD}"
 
 BROKEN = {
