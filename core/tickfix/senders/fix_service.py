@@ -31,7 +31,7 @@ class _DeviceState:
     newest_ns: int = 0
 
 
-class ScanLocator:
+class StatefulLocator:
     """Locates scans, each with the window of those before it; keeps one state per device.
 
     Args:
@@ -78,7 +78,7 @@ class FixService:
 
     def __init__(self, stage: Stage, follow: str, to: str, *, keys: Keys | None = None) -> None:
         """Connect; the engine need not be running yet."""
-        self._locator = ScanLocator(stage)
+        self._locator = StatefulLocator(stage)
         self._label = stage.label
         self._to = to
         self._keys = keys
